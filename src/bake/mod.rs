@@ -1,0 +1,248 @@
+//! Turning a height map into a terrain: densities, a pyramid of levels, tiles, bounds.
+//!
+//! Everything is streamed through in bands of rows, so that the memory a bake takes grows with the
+//! source's width and not with its area; all cores work on every band. The result is written to a
+//! folder beside the wanted one and renamed at the end, so that a bake that is stopped leaves the
+//! old terrain or none.
+//!
+//! # The pyramid
+//! Sample `k` of level `l + 1` lies on sample `2 k` of level `l` and is the mean of that sample's
+//! neighbourhood with the weights 1 2 1, 2 4 2, 1 2 1, rounded to the nearest (halves up). Indices
+//! beyond a level's last sample read that sample. Every tile is a window of this one function, and
+//! so neighbours agree in their borders bit for bit.
+//!
+//! # Densities
+//! Texels of level 0 are the largest mean curvature of their 5 × 5 samples, scaled and quantised
+//! upwards (see [`curvature`]); texels of the levels above are the largest of the four texels that
+//! they cover.
+
+pub mod curvature;
+mod fill;
+#[cfg(feature = "import")]
+pub mod import;
+mod pyramid;
+mod quantise;
+mod report;
+mod source;
+mod verify;
+mod writer;
+
+pub use report::{BakeError, BakeProgress, BakeReport, BakeStage};
+pub use source::{CodeMapping, HeightSource, MemorySource, SourceError};
+pub use verify::{Fault, VerifyReport, verify};
+
+use crate::terrain::{DensitySettings, MANIFEST_MAGIC, MANIFEST_VERSION, ManifestFile, check_size};
+use pyramid::Pyramid;
+use quantise::Quantiser;
+use std::ops::RangeInclusive;
+use std::path::Path;
+use std::time::Instant;
+use writer::PartialTerrain;
+
+pub use pyramid::{curvature_row, tent_row};
+
+/// Metres of headroom below the lowest and above the highest sample, unless told otherwise.
+pub const DEFAULT_HEADROOM_M: f64 = 64.0;
+/// The largest height, up or down, that a bake takes for a height in metres: a thousand
+/// kilometres. What lies beyond is a no-data value that nobody declared.
+pub const MAX_HEIGHT_M: f64 = 1.0e6;
+/// Distances between samples that a bake accepts, in metres.
+pub const SPACING_RANGE_M: RangeInclusive<f64> = 1.0e-4..=1.0e6;
+
+/// Samples that one band aims at: enough to keep all cores busy, few enough to stay in little
+/// memory. Bands are whole rows, at least [`MIN_BAND_ROWS`] of them.
+const BAND_SAMPLES: usize = 1 << 21;
+const MIN_BAND_ROWS: u32 = 32;
+
+/// What a bake may be told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BakeSettings {
+    /// Metres between neighbouring samples; what the source says (1 m where it says nothing)
+    /// unless set.
+    pub spacing_m: Option<f64>,
+    /// Heights that the stored 0 and 65535 stand for, in metres; the source's own lowest and
+    /// highest height with `headroom_m` unless set. Samples outside are clamped and counted.
+    pub height_range_m: Option<RangeInclusive<f64>>,
+    /// Metres kept free below and above the source's heights, so that ground can be dug away and
+    /// piled up. Ignored where `height_range_m` is set.
+    pub headroom_m: f64,
+    /// How densities follow from heights.
+    pub density: DensitySettings,
+    /// Rows that are read at once; as many as suit the source's width unless set. Changes how
+    /// long a bake takes and how much memory, never what comes out.
+    pub band_rows: Option<u32>,
+    /// Whether a terrain that exists already is replaced.
+    pub force: bool,
+}
+
+impl Default for BakeSettings {
+    fn default() -> Self {
+        Self {
+            spacing_m: None,
+            height_range_m: None,
+            headroom_m: DEFAULT_HEADROOM_M,
+            density: DensitySettings::default(),
+            band_rows: None,
+            force: false,
+        }
+    }
+}
+
+impl BakeSettings {
+    /// Checks what doesn't need the source.
+    fn validate(&self) -> Result<(), BakeError> {
+        let within = |value: f64| value.is_finite() && value.abs() <= MAX_HEIGHT_M;
+        if let Some(range) = &self.height_range_m
+            && !(within(*range.start()) && within(*range.end()) && range.start() < range.end())
+        {
+            return Err(BakeError::HeightRange {
+                low: *range.start(),
+                high: *range.end(),
+            });
+        }
+        if !(within(self.headroom_m) && self.headroom_m >= 0.0) {
+            return Err(BakeError::Headroom {
+                found: self.headroom_m,
+            });
+        }
+        let positive = |value: f32| value.is_finite() && value > 0.0;
+        if !(positive(self.density.gain) && positive(self.density.exponent)) {
+            return Err(BakeError::Density {
+                gain: self.density.gain,
+                exponent: self.density.exponent,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Bakes `source` into the folder `out`.
+///
+/// Reads the source once, twice where its range isn't given or it may have samples without data,
+/// and three times where it has some. Takes some 50 MiB of memory and 1 KiB for every column;
+/// where samples have no data, up to 180 MiB more.
+///
+/// # Errors
+/// Where settings or source can't be used, or the output exists (without
+/// [`force`](BakeSettings::force)) or can't be written; see [`BakeError`]. `out` is then as it was
+/// before.
+pub fn bake(
+    source: &mut dyn HeightSource,
+    out: &Path,
+    settings: &BakeSettings,
+    progress: &dyn BakeProgress,
+) -> Result<BakeReport, BakeError> {
+    let start = Instant::now();
+    settings.validate()?;
+    let size = source.size();
+    check_size(size).map_err(|_| BakeError::Size {
+        name: source.name(),
+        size,
+    })?;
+    let spacing_m = settings.spacing_m.or(source.spacing_m()).unwrap_or(1.0);
+    if !SPACING_RANGE_M.contains(&spacing_m) {
+        return Err(BakeError::Spacing { found: spacing_m });
+    }
+    // Before any work, so that a forgotten --force doesn't cost an hour.
+    writer::prepare(out, settings.force)?;
+
+    let survey = fill::survey(source, settings.height_range_m.is_none(), progress)?;
+    if survey.no_data == u64::from(size[0]) * u64::from(size[1]) {
+        return Err(BakeError::AllNoData {
+            name: source.name(),
+        });
+    }
+    let range = match (&settings.height_range_m, survey.heights_m) {
+        (Some(range), _) => range.clone(),
+        (None, Some((low, high))) => {
+            let (low, high) = (low - settings.headroom_m, high + settings.headroom_m);
+            // Flat ground without headroom would have no height at all between its bounds.
+            low..=high.max(low + 1.0)
+        }
+        (None, None) => {
+            return Err(BakeError::AllNoData {
+                name: source.name(),
+            });
+        }
+    };
+    let fill = fill::Fill::build(source, &survey, progress)?;
+
+    let quantiser = Quantiser::new(&range, spacing_m, source.codes());
+    let mut manifest = ManifestFile {
+        format: MANIFEST_MAGIC.to_owned(),
+        version: MANIFEST_VERSION,
+        size,
+        spacing_m,
+        height_min_m: quantiser.low_m(),
+        height_step_m: quantiser.step_m(),
+        levels: ManifestFile::levels_for(size),
+        density: settings.density.clone(),
+        index_crc32: 0,
+    };
+    manifest
+        .validate()
+        .map_err(|reason| BakeError::Manifest { reason })?;
+
+    let partial = PartialTerrain::create(out, &manifest)?;
+    let mut pyramid = Pyramid::new(&manifest, partial.dir());
+    let rows = settings
+        .band_rows
+        .unwrap_or_else(|| (BAND_SAMPLES as u32 / size[0]).max(MIN_BAND_ROWS))
+        .clamp(1, size[1]);
+    let clamped = stream(source, &fill, &quantiser, &mut pyramid, rows, progress)?;
+    let (mut index, bytes) = pyramid.finish();
+    index.cover_children();
+    let tiles = index.iter().count() as u64;
+    let bytes = bytes + partial.write_index(&mut manifest, &index)?;
+    progress.stage(BakeStage::Finish, 0);
+    partial.publish(settings.force)?;
+
+    Ok(BakeReport {
+        size,
+        levels: manifest.levels,
+        tiles,
+        bytes,
+        spacing_m,
+        height_range_m: range,
+        height_step_m: manifest.height_step_m,
+        source_range_m: survey.heights_m,
+        clamped,
+        filled: survey.no_data,
+        fill_block: fill.block(),
+        elapsed: start.elapsed(),
+    })
+}
+
+/// Pushes the whole source through the pyramid, reading the next band while one is worked on.
+/// Returns how many samples were clamped.
+fn stream(
+    source: &mut dyn HeightSource,
+    fill: &fill::Fill,
+    quantiser: &Quantiser,
+    pyramid: &mut Pyramid,
+    rows: u32,
+    progress: &dyn BakeProgress,
+) -> Result<u64, BakeError> {
+    let [width, height] = source.size();
+    source.rewind()?;
+    let mut reader = quantise::BandReader::new(source, fill, quantiser, rows);
+    progress.stage(BakeStage::Bake, u64::from(width) * u64::from(height));
+    let mut clamped = 0;
+    let mut next = reader.read()?;
+    while let Some(band) = next {
+        let samples = band.samples();
+        let (read, worked) = rayon::join(
+            || reader.read(),
+            || -> Result<u64, BakeError> {
+                let converted = quantiser.convert(&band);
+                let clamped = converted.clamped;
+                pyramid.push(converted)?;
+                Ok(clamped)
+            },
+        );
+        clamped += worked?;
+        next = read?;
+        progress.advance(samples);
+    }
+    Ok(clamped)
+}

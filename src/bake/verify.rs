@@ -1,0 +1,267 @@
+//! Checking a terrain on disk, tile by tile.
+
+use crate::terrain::{ManifestError, TerrainManifest};
+use crate::tile::{
+    DensityTile, HeightTile, TILE_SAMPLES, TileAddress, TileFormatError, TileIndex, TileRange,
+};
+use rayon::prelude::*;
+use std::collections::HashMap;
+use std::fmt;
+use std::path::Path;
+
+/// What [`verify`] found.
+#[derive(Clone, Debug, Default)]
+pub struct VerifyReport {
+    /// Tiles that were checked, each with both its files.
+    pub tiles: u64,
+    /// What is wrong, sorted by tile.
+    pub faults: Vec<(TileAddress, Fault)>,
+}
+
+/// What is wrong with a tile.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Fault {
+    /// A file is missing or can't be read.
+    Unreadable {
+        /// The file, below the terrain's folder.
+        path: String,
+        /// What the system says.
+        reason: String,
+    },
+    /// A file isn't the tile that belongs there.
+    Format {
+        /// The file, below the terrain's folder.
+        path: String,
+        /// What is wrong with it.
+        reason: TileFormatError,
+    },
+    /// The tile's heights differ from a neighbour's where both have the same sample.
+    HeightBorder {
+        /// The neighbour.
+        neighbour: TileAddress,
+    },
+    /// The tile's densities differ from a neighbour's where both have the same texel.
+    DensityBorder {
+        /// The neighbour.
+        neighbour: TileAddress,
+    },
+    /// The index has another range than the tile and its children have.
+    Range {
+        /// What the index says.
+        found: TileRange,
+        /// What the tile's own heights and its children's ranges come to.
+        wanted: TileRange,
+    },
+    /// The tile is stored and its parent isn't.
+    Orphan,
+    /// The root is not stored.
+    NoRoot,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unreadable { path, reason } => write!(f, "{path} can't be read: {reason}"),
+            Self::Format { path, reason } => write!(f, "{path} can't be used: {reason}"),
+            Self::HeightBorder { neighbour } => {
+                write!(
+                    f,
+                    "its heights differ from those of its neighbour {neighbour}"
+                )
+            }
+            Self::DensityBorder { neighbour } => write!(
+                f,
+                "its densities differ from those of its neighbour {neighbour}"
+            ),
+            Self::Range { found, wanted } => write!(
+                f,
+                "the index gives its heights as {}..={} where they reach from {} to {}",
+                found.min, found.max, wanted.min, wanted.max
+            ),
+            Self::Orphan => write!(f, "its parent is not stored"),
+            Self::NoRoot => write!(f, "the root is not stored"),
+        }
+    }
+}
+
+/// One tile's contents, as far as they could be read.
+#[derive(Default)]
+struct Contents {
+    heights: Option<HeightTile>,
+    densities: Option<DensityTile>,
+}
+
+/// Checks every tile of the terrain in the folder `dir`: that its files are there, have the right
+/// magic, version, address and checksum, that samples which neighbouring tiles both hold are equal
+/// in both bit for bit, that its parent is stored, and that the index gives the range of its
+/// heights, its children's included. `advance` hears of every checked tile.
+///
+/// Holds three rows of tiles in memory.
+///
+/// # Errors
+/// Where the manifest or the index can't be used, without which there are no tiles to speak of.
+pub fn verify(dir: &Path, advance: &(dyn Fn(u64) + Sync)) -> Result<VerifyReport, ManifestError> {
+    let terrain = TerrainManifest::read(dir)?;
+    let mut report = VerifyReport::default();
+    let root = TileAddress::new(terrain.file.levels - 1, 0, 0);
+    if terrain.index.get(root).is_none() {
+        report.faults.push((root, Fault::NoRoot));
+    }
+    for level in 0..terrain.file.levels {
+        verify_level(dir, &terrain, level, &mut report, advance);
+    }
+    report.faults.sort_by_key(|(address, _)| *address);
+    Ok(report)
+}
+
+fn verify_level(
+    dir: &Path,
+    terrain: &TerrainManifest,
+    level: u8,
+    report: &mut VerifyReport,
+    advance: &(dyn Fn(u64) + Sync),
+) {
+    let [columns, rows] = terrain.file.tiles(level);
+    let mut before: HashMap<TileAddress, Contents> = HashMap::new();
+    for z in 0..rows {
+        let read: Vec<_> = (0..columns)
+            .into_par_iter()
+            .map(|x| TileAddress::new(level, x, z))
+            .filter(|&address| terrain.index.get(address).is_some())
+            .map(|address| {
+                let (contents, faults) = read_tile(dir, address);
+                advance(1);
+                (address, contents, faults)
+            })
+            .collect();
+        let mut row = HashMap::new();
+        for (address, contents, faults) in read {
+            report.tiles += 1;
+            let named = |fault| (address, fault);
+            report.faults.extend(faults.into_iter().map(named));
+            report.faults.extend(
+                check_index(terrain, address, &contents)
+                    .into_iter()
+                    .map(named),
+            );
+            row.insert(address, contents);
+        }
+        let seams: Vec<_> = row
+            .par_iter()
+            .flat_map_iter(|(&address, contents)| {
+                // Every pair once: those to the west and to the north.
+                [(-1, 0), (-1, -1), (0, -1), (1, -1)]
+                    .into_iter()
+                    .filter_map(|(x, z): (i32, i32)| {
+                        let neighbour = TileAddress::new(
+                            level,
+                            address.x.checked_add_signed(x)?,
+                            address.z.checked_add_signed(z)?,
+                        );
+                        let other = if z == 0 { &row } else { &before }.get(&neighbour)?;
+                        Some(check_seam(address, contents, neighbour, other, [x, z]))
+                    })
+                    .flatten()
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+        report.faults.extend(seams);
+        before = row;
+    }
+}
+
+fn read_tile(dir: &Path, address: TileAddress) -> (Contents, Vec<Fault>) {
+    fn read<T>(
+        dir: &Path,
+        path: String,
+        decode: impl FnOnce(&[u8]) -> Result<T, TileFormatError>,
+        faults: &mut Vec<Fault>,
+    ) -> Option<T> {
+        match std::fs::read(dir.join(&path)) {
+            Err(reason) => faults.push(Fault::Unreadable {
+                path,
+                reason: reason.to_string(),
+            }),
+            Ok(bytes) => match decode(&bytes) {
+                Ok(tile) => return Some(tile),
+                Err(reason) => faults.push(Fault::Format { path, reason }),
+            },
+        }
+        None
+    }
+    let mut faults = Vec::new();
+    let contents = Contents {
+        heights: read(
+            dir,
+            HeightTile::path(address),
+            |bytes| HeightTile::decode(bytes, address),
+            &mut faults,
+        ),
+        densities: read(
+            dir,
+            DensityTile::path(address),
+            |bytes| DensityTile::decode(bytes, address),
+            &mut faults,
+        ),
+    };
+    (contents, faults)
+}
+
+fn check_index(terrain: &TerrainManifest, address: TileAddress, contents: &Contents) -> Vec<Fault> {
+    let TerrainManifest { file, index, .. } = terrain;
+    let mut faults = Vec::new();
+    if address.level + 1 < file.levels && index.get(address.parent()).is_none() {
+        faults.push(Fault::Orphan);
+    }
+    if let (Some(heights), Some(found)) = (&contents.heights, index.get(address)) {
+        let wanted = covering_range(index, address, heights);
+        if found != wanted {
+            faults.push(Fault::Range { found, wanted });
+        }
+    }
+    faults
+}
+
+/// A tile's own range and its stored children's.
+fn covering_range(index: &TileIndex, address: TileAddress, heights: &HeightTile) -> TileRange {
+    let children = address.children().into_iter().flatten();
+    children
+        .filter_map(|child| index.get(child))
+        .fold(heights.range(), TileRange::union)
+}
+
+/// Compares what two neighbouring tiles both hold. `step` leads from the first to the second.
+fn check_seam(
+    address: TileAddress,
+    contents: &Contents,
+    neighbour: TileAddress,
+    other: &Contents,
+    step: [i32; 2],
+) -> Vec<(TileAddress, Fault)> {
+    // Samples of `a` in -low..=high that `b` holds too, and where they lie in `b`.
+    let shared = |step: i32, own: i32, low: i32, high: i32| {
+        let shift = step * own;
+        ((low + shift).max(low)..=(high + shift).min(high)).map(move |at| (at, at - shift))
+    };
+    let mut faults = Vec::new();
+    if let (Some(a), Some(b)) = (&contents.heights, &other.heights) {
+        let axis = |step| shared(step, TILE_SAMPLES as i32, -2, 130);
+        let equal = axis(step[1]).all(|(z, other_z)| {
+            axis(step[0]).all(|(x, other_x)| a.get(x, z) == b.get(other_x, other_z))
+        });
+        if !equal {
+            faults.push((address, Fault::HeightBorder { neighbour }));
+        }
+    }
+    if let (Some(a), Some(b)) = (&contents.densities, &other.densities) {
+        let axis = |step| shared(step, 32, -1, 33);
+        let equal = axis(step[1]).all(|(z, other_z)| {
+            axis(step[0]).all(|(x, other_x)| a.get(x, z) == b.get(other_x, other_z))
+        });
+        if !equal {
+            faults.push((address, Fault::DensityBorder { neighbour }));
+        }
+    }
+    faults
+}

@@ -1,0 +1,215 @@
+//! Writing a terrain so that it is there as a whole or not at all.
+
+use super::BakeError;
+use crate::terrain::{INDEX_FILE, MANIFEST_FILE, ManifestFile};
+use crate::tile::{DensityTile, HeightTile, TileAddress, TileIndex};
+use std::ffi::OsString;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Between a terrain's name and the process's number, in the name of a folder being written.
+const PARTIAL: &str = ".tessera-partial-";
+/// The same for a terrain that was moved aside to be replaced.
+const OLD: &str = ".tessera-old-";
+
+/// Numbers the bakes of this process, so that two of them never share a folder.
+static BAKES: AtomicU32 = AtomicU32::new(0);
+
+fn failed(path: &Path) -> impl FnOnce(io::Error) -> BakeError {
+    let path = path.to_owned();
+    |reason| BakeError::Write { path, reason }
+}
+
+/// The output's parent folder and its own name.
+fn split(out: &Path) -> Result<(PathBuf, OsString), BakeError> {
+    let name = out.file_name().ok_or_else(|| BakeError::OutputName {
+        path: out.to_owned(),
+    })?;
+    let parent = match out.parent() {
+        Some(parent) if parent != Path::new("") => parent.to_owned(),
+        _ => PathBuf::from("."),
+    };
+    Ok((parent, name.to_owned()))
+}
+
+/// Puts right what bakes of the same terrain left behind that were killed, and checks whether `out`
+/// may be written.
+pub(super) fn prepare(out: &Path, force: bool) -> Result<(), BakeError> {
+    let (parent, name) = split(out)?;
+    recover(&parent, &name, out);
+    check_output(out, force)
+}
+
+/// Whether `out` may be written; changes nothing.
+fn check_output(out: &Path, force: bool) -> Result<(), BakeError> {
+    let path = || out.to_owned();
+    // Not `exists`, to which a dangling link is nothing.
+    let Ok(metadata) = fs::symlink_metadata(out) else {
+        return Ok(());
+    };
+    if metadata.is_dir() && fs::read_dir(out).is_ok_and(|mut inside| inside.next().is_none()) {
+        return Ok(());
+    }
+    let terrain = metadata.is_dir() && out.join(MANIFEST_FILE).is_file();
+    match (terrain, force) {
+        (_, false) => Err(BakeError::OutputExists { path: path() }),
+        (true, true) => Ok(()),
+        (false, true) => Err(BakeError::OutputNotTerrain { path: path() }),
+    }
+}
+
+/// A terrain being written, in a folder beside the one where it will lie. Dropped, it is removed.
+pub(super) struct PartialTerrain {
+    dir: PathBuf,
+    parent: PathBuf,
+    out: PathBuf,
+    old: PathBuf,
+    published: bool,
+}
+
+impl PartialTerrain {
+    /// Makes the folder, with room for every level.
+    pub(super) fn create(out: &Path, manifest: &ManifestFile) -> Result<Self, BakeError> {
+        let (parent, name) = split(out)?;
+        fs::create_dir_all(&parent).map_err(failed(&parent))?;
+        let bake = BAKES.fetch_add(1, Ordering::Relaxed);
+        let sibling = |kind: &str| {
+            let mut file = OsString::from(".");
+            file.push(&name);
+            file.push(format!("{kind}{}-{bake}", std::process::id()));
+            parent.join(file)
+        };
+        let partial = Self {
+            dir: sibling(PARTIAL),
+            old: sibling(OLD),
+            out: out.to_owned(),
+            parent,
+            published: false,
+        };
+        // Fails where it exists: it would be another bake's.
+        fs::create_dir(&partial.dir).map_err(failed(&partial.dir))?;
+        for level in 0..manifest.levels {
+            for kind in ["height", "density"] {
+                let dir = partial.dir.join(format!("{kind}/{level}"));
+                fs::create_dir_all(&dir).map_err(failed(&dir))?;
+            }
+        }
+        Ok(partial)
+    }
+
+    pub(super) fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// Writes index and manifest; returns the number of bytes.
+    pub(super) fn write_index(
+        &self,
+        manifest: &mut ManifestFile,
+        index: &TileIndex,
+    ) -> Result<u64, BakeError> {
+        let bytes = index.encode();
+        manifest.index_crc32 = crc32fast::hash(&bytes);
+        let path = self.dir.join(INDEX_FILE);
+        fs::write(&path, &bytes).map_err(failed(&path))?;
+        let path = self.dir.join(MANIFEST_FILE);
+        let pretty = ron::ser::PrettyConfig::default();
+        let text = ron::ser::to_string_pretty(manifest, pretty)
+            .map_err(|error| failed(&path)(io::Error::other(error)))?;
+        fs::write(&path, &text).map_err(failed(&path))?;
+        Ok((bytes.len() + text.len()) as u64)
+    }
+
+    /// Puts the finished terrain in its place.
+    pub(super) fn publish(mut self, force: bool) -> Result<(), BakeError> {
+        // Something may have appeared since the bake began.
+        check_output(&self.out, force)?;
+        let replaces = self.out.join(MANIFEST_FILE).is_file();
+        if replaces {
+            fs::rename(&self.out, &self.old).map_err(failed(&self.out))?;
+        } else if self.out.is_dir() {
+            fs::remove_dir(&self.out).map_err(failed(&self.out))?;
+        }
+        if let Err(reason) = fs::rename(&self.dir, &self.out) {
+            if replaces {
+                // Back to where it was; should that fail too, the next bake does it.
+                let _ = fs::rename(&self.old, &self.out);
+            }
+            return Err(failed(&self.out)(reason));
+        }
+        self.published = true;
+        if replaces {
+            // The new terrain stands; what can't be removed now, the next bake removes.
+            let _ = fs::remove_dir_all(&self.old);
+        }
+        // A rename is on disk when its folder is. Not every system can sync a folder.
+        let _ = fs::File::open(&self.parent).and_then(|folder| folder.sync_all());
+        Ok(())
+    }
+}
+
+impl Drop for PartialTerrain {
+    fn drop(&mut self) {
+        if !self.published {
+            let _ = fs::remove_dir_all(&self.dir);
+        }
+    }
+}
+
+/// Removes what killed bakes of the terrain `name` left in `parent`. Where one was killed between
+/// moving the old terrain aside and putting the new one in its place, the old one comes back.
+fn recover(parent: &Path, name: &OsString, out: &Path) {
+    let Ok(entries) = fs::read_dir(parent) else {
+        return;
+    };
+    let name = name.to_string_lossy();
+    for entry in entries.flatten() {
+        let file = entry.file_name().to_string_lossy().into_owned();
+        let Some(rest) = file
+            .strip_prefix('.')
+            .and_then(|file| file.strip_prefix(&*name))
+        else {
+            continue;
+        };
+        let left_by = |kind: &str| {
+            let (process, _) = rest.strip_prefix(kind)?.split_once('-')?;
+            process.parse::<u32>().ok()
+        };
+        if left_by(OLD).is_some_and(is_gone) {
+            if fs::symlink_metadata(out).is_err() {
+                let _ = fs::rename(entry.path(), out);
+            } else {
+                let _ = fs::remove_dir_all(entry.path());
+            }
+        } else if left_by(PARTIAL).is_some_and(is_gone) {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
+/// Whether the process surely runs no more. Only Linux tells without further ado; elsewhere what
+/// a killed bake left has to be removed by hand.
+fn is_gone(process: u32) -> bool {
+    let processes = Path::new("/proc");
+    processes.join("self").exists() && !processes.join(process.to_string()).exists()
+}
+
+/// Writes the two files of a tile; returns the number of bytes.
+pub(super) fn write_tile(
+    dir: &Path,
+    address: TileAddress,
+    heights: &HeightTile,
+    densities: &DensityTile,
+) -> Result<u64, BakeError> {
+    let heights = heights.encode(address);
+    let densities = densities.encode(address);
+    for (path, bytes) in [
+        (HeightTile::path(address), &heights),
+        (DensityTile::path(address), &densities),
+    ] {
+        let path = dir.join(path);
+        fs::write(&path, bytes).map_err(failed(&path))?;
+    }
+    Ok((heights.len() + densities.len()) as u64)
+}

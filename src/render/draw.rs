@@ -1,0 +1,321 @@
+//! One indirect draw per terrain and pass, as items of Bevy's own phases.
+
+use super::extract::ExtractedTerrains;
+use super::pipelines::{
+    TERRAIN_BIND_GROUP, TerrainDrawKey, TerrainDrawKind, TerrainDrawPipeline,
+};
+use super::prepare::{GpuTerrainMeshes, GpuTerrains};
+use bevy::core_pipeline::core_3d::{Opaque3d, Opaque3dBatchSetKey, Opaque3dBinKey};
+use bevy::core_pipeline::deferred::AlphaMask3dDeferred;
+use bevy::core_pipeline::prepass::{
+    DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass, Opaque3dPrepass,
+    OpaqueNoLightmap3dBatchSetKey, OpaqueNoLightmap3dBinKey,
+};
+use bevy::ecs::query::ROQueryItem;
+use bevy::ecs::system::SystemParamItem;
+use bevy::ecs::system::lifetimeless::{Read, SRes};
+use bevy::mesh::{BaseMeshPipelineKey, PrimitiveTopology};
+use bevy::pbr::{
+    LightEntity, MATERIAL_BIND_GROUP_INDEX, MeshPipelineKey, SetMeshViewBindGroup,
+    SetMeshViewBindingArrayBindGroup, SetPrepassViewBindGroup, SetPrepassViewEmptyBindGroup,
+    Shadow, ShadowBatchSetKey, ShadowBinKey, ViewKeyCache,
+};
+use bevy::platform::collections::HashMap;
+use bevy::prelude::*;
+use bevy::render::camera::ExtractedCamera;
+use bevy::render::mesh::allocator::MeshSlabs;
+use bevy::render::render_phase::{
+    BinnedPhaseItem, BinnedRenderPhaseType, DrawFunctions, InputUniformIndex, PhaseItem,
+    RenderCommand, RenderCommandResult, SetItemPipeline, TrackedRenderPass,
+    ViewBinnedRenderPhases,
+};
+use bevy::render::render_resource::{
+    CachedRenderPipelineId, IndexFormat, PipelineCache, SpecializedRenderPipelines,
+};
+use bevy::render::sync_world::MainEntity;
+use bevy::render::view::{ExtractedView, RetainedViewEntity};
+
+/// Which camera's mesh each view draws of each terrain; filled while queueing.
+#[derive(Resource, Default)]
+pub(super) struct TerrainDraws {
+    cameras: HashMap<(RetainedViewEntity, MainEntity), MainEntity>,
+    /// What was queued in the frame before: bins persist, so it must be taken out again.
+    queued: Vec<(TerrainDrawKind, RetainedViewEntity, MainEntity)>,
+}
+
+pub(super) type DrawTerrainMain = (
+    SetItemPipeline,
+    SetMeshViewBindGroup<0>,
+    SetMeshViewBindingArrayBindGroup<1>,
+    DrawTerrain,
+);
+
+pub(super) type DrawTerrainPrepass = (
+    SetItemPipeline,
+    SetPrepassViewBindGroup<0>,
+    SetPrepassViewEmptyBindGroup<1>,
+    DrawTerrain,
+);
+
+/// Binds a terrain's mesh and material and draws it, indirectly.
+pub(super) struct DrawTerrain;
+
+impl<P: PhaseItem> RenderCommand<P> for DrawTerrain {
+    type Param = (SRes<GpuTerrainMeshes>, SRes<GpuTerrains>, SRes<TerrainDraws>);
+    type ViewQuery = Read<ExtractedView>;
+    type ItemQuery = ();
+
+    fn render<'w>(
+        item: &P,
+        view: ROQueryItem<'w, '_, Self::ViewQuery>,
+        _: Option<()>,
+        (meshes, terrains, draws): SystemParamItem<'w, '_, Self::Param>,
+        pass: &mut TrackedRenderPass<'w>,
+    ) -> RenderCommandResult {
+        let terrain = item.main_entity();
+        let (meshes, terrains) = (meshes.into_inner(), terrains.into_inner());
+        let found = draws
+            .into_inner()
+            .cameras
+            .get(&(view.retained_view_entity, terrain))
+            .and_then(|camera| meshes.meshes.get(&(*camera, terrain)));
+        let (Some(mesh), Some(gpu_terrain)) = (found, terrains.terrains.get(&terrain)) else {
+            return RenderCommandResult::Skip;
+        };
+        let Some(groups) = &mesh.groups else {
+            return RenderCommandResult::Skip;
+        };
+        pass.set_bind_group(TERRAIN_BIND_GROUP, &groups.draw, &[]);
+        pass.set_bind_group(MATERIAL_BIND_GROUP_INDEX, &gpu_terrain.material, &[]);
+        pass.set_vertex_buffer(0, mesh.vertices().slice(..));
+        pass.set_index_buffer(mesh.indices().slice(..), IndexFormat::Uint32);
+        pass.draw_indexed_indirect(mesh.args(), 0);
+        RenderCommandResult::Success
+    }
+}
+
+type CameraViews<'w, 's> = Query<
+    'w,
+    's,
+    (
+        &'static ExtractedView,
+        &'static Msaa,
+        Has<DepthPrepass>,
+        Has<NormalPrepass>,
+        Has<MotionVectorPrepass>,
+        Has<DeferredPrepass>,
+    ),
+    With<ExtractedCamera>,
+>;
+
+/// The phases that terrains are drawn in.
+#[derive(bevy::ecs::system::SystemParam)]
+pub(super) struct Phases<'w> {
+    main: ResMut<'w, ViewBinnedRenderPhases<Opaque3d>>,
+    prepass: ResMut<'w, ViewBinnedRenderPhases<Opaque3dPrepass>>,
+    // Not `Opaque3dDeferred`: its pass skips a scene whose only opaque thing is no mesh.
+    deferred: ResMut<'w, ViewBinnedRenderPhases<AlphaMask3dDeferred>>,
+    shadow: ResMut<'w, ViewBinnedRenderPhases<Shadow>>,
+    main_draws: Res<'w, DrawFunctions<Opaque3d>>,
+    prepass_draws: Res<'w, DrawFunctions<Opaque3dPrepass>>,
+    deferred_draws: Res<'w, DrawFunctions<AlphaMask3dDeferred>>,
+    shadow_draws: Res<'w, DrawFunctions<Shadow>>,
+}
+
+fn remove<P: BinnedPhaseItem>(
+    phases: &mut ViewBinnedRenderPhases<P>,
+    view: &RetainedViewEntity,
+    terrain: MainEntity,
+) {
+    if let Some(phase) = phases.get_mut(view) {
+        phase.remove(terrain);
+    }
+}
+
+impl Phases<'_> {
+    fn remove(&mut self, kind: TerrainDrawKind, view: &RetainedViewEntity, terrain: MainEntity) {
+        match kind {
+            TerrainDrawKind::Main => remove(&mut self.main, view, terrain),
+            TerrainDrawKind::Prepass => remove(&mut self.prepass, view, terrain),
+            TerrainDrawKind::Deferred => remove(&mut self.deferred, view, terrain),
+            TerrainDrawKind::Shadow => remove(&mut self.shadow, view, terrain),
+        }
+    }
+
+    /// Queues a terrain; false where the view has no such phase.
+    fn add(
+        &mut self,
+        kind: TerrainDrawKind,
+        view: &RetainedViewEntity,
+        terrain: MainEntity,
+        pipeline: CachedRenderPipelineId,
+    ) -> bool {
+        let entity = (Entity::PLACEHOLDER, terrain);
+        let asset_id = AssetId::<Mesh>::invalid().untyped();
+        let uniform = InputUniformIndex::default();
+        let slabs = MeshSlabs::default();
+        let material_bind_group_index = None;
+        match kind {
+            TerrainDrawKind::Main => {
+                let Some(phase) = self.main.get_mut(view) else {
+                    return false;
+                };
+                phase.add(
+                    Opaque3dBatchSetKey {
+                        draw_function: self.main_draws.read().id::<DrawTerrainMain>(),
+                        pipeline,
+                        material_bind_group_index,
+                        lightmap_slab: None,
+                        slabs,
+                    },
+                    Opaque3dBinKey { asset_id },
+                    entity,
+                    uniform,
+                    BinnedRenderPhaseType::NonMesh,
+                );
+            }
+            TerrainDrawKind::Prepass => {
+                let Some(phase) = self.prepass.get_mut(view) else {
+                    return false;
+                };
+                phase.add(
+                    OpaqueNoLightmap3dBatchSetKey {
+                        draw_function: self.prepass_draws.read().id::<DrawTerrainPrepass>(),
+                        pipeline,
+                        material_bind_group_index,
+                        slabs,
+                    },
+                    OpaqueNoLightmap3dBinKey { asset_id },
+                    entity,
+                    uniform,
+                    BinnedRenderPhaseType::NonMesh,
+                );
+            }
+            TerrainDrawKind::Deferred => {
+                let Some(phase) = self.deferred.get_mut(view) else {
+                    return false;
+                };
+                phase.add(
+                    OpaqueNoLightmap3dBatchSetKey {
+                        draw_function: self.deferred_draws.read().id::<DrawTerrainPrepass>(),
+                        pipeline,
+                        material_bind_group_index,
+                        slabs,
+                    },
+                    OpaqueNoLightmap3dBinKey { asset_id },
+                    entity,
+                    uniform,
+                    BinnedRenderPhaseType::NonMesh,
+                );
+            }
+            TerrainDrawKind::Shadow => {
+                let Some(phase) = self.shadow.get_mut(view) else {
+                    return false;
+                };
+                phase.add(
+                    ShadowBatchSetKey {
+                        draw_function: self.shadow_draws.read().id::<DrawTerrainPrepass>(),
+                        pipeline,
+                        material_bind_group_index,
+                        slabs,
+                    },
+                    ShadowBinKey { asset_id },
+                    entity,
+                    uniform,
+                    BinnedRenderPhaseType::NonMesh,
+                );
+            }
+        }
+        true
+    }
+}
+
+/// Puts every terrain into the phases of every view that draws it.
+pub(super) fn queue_terrains(
+    mut phases: Phases,
+    mut draws: ResMut<TerrainDraws>,
+    mut pipelines: ResMut<SpecializedRenderPipelines<TerrainDrawPipeline>>,
+    draw_pipeline: Res<TerrainDrawPipeline>,
+    cache: Res<PipelineCache>,
+    extracted: Res<ExtractedTerrains>,
+    meshes: Res<GpuTerrainMeshes>,
+    view_keys: Res<ViewKeyCache>,
+    cameras: CameraViews,
+    shadow_views: Query<(&LightEntity, &ExtractedView)>,
+) {
+    let TerrainDraws { cameras: drawn_by, queued } = &mut *draws;
+    drawn_by.clear();
+    for (kind, view, terrain) in queued.drain(..) {
+        phases.remove(kind, &view, terrain);
+    }
+    let mut queue = |kind, mesh, view: &ExtractedView, camera: MainEntity, terrain: MainEntity| {
+        let Some(shader) = extracted
+            .terrains
+            .get(&terrain)
+            .and_then(|terrain| terrain.shader.clone())
+        else {
+            return;
+        };
+        let key = TerrainDrawKey { kind, mesh, shader };
+        let pipeline = pipelines.specialize(&cache, &draw_pipeline, key);
+        let retained = view.retained_view_entity;
+        if phases.add(kind, &retained, terrain, pipeline) {
+            queued.push((kind, retained, terrain));
+            drawn_by.insert((retained, terrain), camera);
+        }
+    };
+
+    let triangles = MeshPipelineKey::from_bits_retain(
+        BaseMeshPipelineKey::from_primitive_topology_and_strip_index(
+            PrimitiveTopology::TriangleList,
+            None,
+        )
+        .bits(),
+    );
+    for (view, msaa, depth, normal, motion, deferred) in &cameras {
+        let camera = view.retained_view_entity.main_entity;
+        let mut prepass = triangles | MeshPipelineKey::from_msaa_samples(msaa.samples());
+        prepass.set(MeshPipelineKey::DEPTH_PREPASS, depth);
+        prepass.set(MeshPipelineKey::NORMAL_PREPASS, normal);
+        prepass.set(MeshPipelineKey::MOTION_VECTOR_PREPASS, motion);
+        prepass.set(MeshPipelineKey::DEFERRED_PREPASS, deferred);
+        prepass.set(MeshPipelineKey::INVERT_CULLING, view.invert_culling);
+        for &(_, terrain) in meshes.meshes.keys().filter(|(of, _)| *of == camera) {
+            if deferred {
+                queue(TerrainDrawKind::Deferred, prepass, view, camera, terrain);
+                continue;
+            }
+            if depth || normal || motion {
+                queue(TerrainDrawKind::Prepass, prepass, view, camera, terrain);
+            }
+            if let Some(view_key) = view_keys.get(&view.retained_view_entity) {
+                queue(TerrainDrawKind::Main, triangles | *view_key, view, camera, terrain);
+            }
+        }
+    }
+
+    for (light, view) in &shadow_views {
+        let directional = matches!(light, LightEntity::Directional { .. });
+        let mut key = triangles | MeshPipelineKey::from_msaa_samples(1);
+        key |= MeshPipelineKey::DEPTH_PREPASS;
+        key |= if directional {
+            MeshPipelineKey::VIEW_PROJECTION_ORTHOGRAPHIC | MeshPipelineKey::UNCLIPPED_DEPTH_ORTHO
+        } else {
+            MeshPipelineKey::VIEW_PROJECTION_PERSPECTIVE
+        };
+        // A cascade belongs to a camera. Point and spot shadows are shared by all: they take the
+        // mesh of the first, whichever that is, the same every frame.
+        let of_camera = view.retained_view_entity.auxiliary_entity;
+        let mut casters: HashMap<MainEntity, MainEntity> = HashMap::default();
+        for &(camera, terrain) in meshes.meshes.keys() {
+            if directional && camera != of_camera {
+                continue;
+            }
+            let first = casters.entry(terrain).or_insert(camera);
+            *first = (*first).min(camera);
+        }
+        for (terrain, camera) in casters {
+            queue(TerrainDrawKind::Shadow, key, view, camera, terrain);
+        }
+    }
+}

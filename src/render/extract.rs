@@ -1,0 +1,295 @@
+//! What the render world is told each frame.
+
+use super::TerrainMaterial;
+use super::cull::TerrainNodes;
+use super::gpu_types::{GpuTerrainDraw, GpuTerrainNode, GpuTerrainView};
+use super::material::ComposedMaterials;
+use crate::stream::{TerrainState, TerrainTiles, TileHeights, TilePage};
+use crate::terrain::TerrainCamera;
+use crate::tessellate::FactorView;
+use crate::tile::{HeightTile, TileAddress};
+use crate::view::{TerrainView, TerrainViews};
+use bevy::asset::AssetId;
+use bevy::ecs::entity::EntityHashMap;
+use bevy::math::{DAffine3, DVec3, Mat4};
+use bevy::platform::collections::HashMap;
+use bevy::prelude::*;
+use bevy::render::Extract;
+use bevy::render::sync_world::MainEntity;
+use bevy::shader::Shader;
+use bytemuck::Zeroable;
+
+/// A tile whose page has to be written.
+pub(super) struct PageUpload {
+    pub(super) page: u32,
+    pub(super) address: TileAddress,
+    pub(super) heights: HeightTile,
+}
+
+/// A terrain as it is in this frame.
+pub(super) struct ExtractedTerrain {
+    pub(super) capacity: u32,
+    /// Metres per stored unit over twice the finest spacing: a gradient per difference.
+    pub(super) gradient_scale: f32,
+    pub(super) uploads: Vec<PageUpload>,
+    /// Whole tables, where they changed.
+    pub(super) pages: Option<Vec<u32>>,
+    pub(super) field: Option<Vec<u32>>,
+    pub(super) shader: Option<Handle<Shader>>,
+    pub(super) parameters: [Vec4; 8],
+}
+
+/// A camera's view of a terrain in this frame.
+pub(super) struct ExtractedView {
+    pub(super) camera: MainEntity,
+    pub(super) terrain: MainEntity,
+    pub(super) view: GpuTerrainView,
+    pub(super) draw: GpuTerrainDraw,
+    pub(super) nodes: Vec<GpuTerrainNode>,
+    pub(super) max_vertices: u32,
+}
+
+/// Everything extracted in this frame.
+#[derive(Resource, Default)]
+pub(super) struct ExtractedTerrains {
+    pub(super) terrains: HashMap<MainEntity, ExtractedTerrain>,
+    pub(super) views: Vec<ExtractedView>,
+}
+
+/// What the GPU's copies are copies of. Made anew with the device, so that a recovered one is
+/// told everything again.
+#[derive(Resource, Default)]
+pub(super) struct UploadedTerrains {
+    terrains: EntityHashMap<Uploaded>,
+}
+
+#[derive(Default)]
+struct Uploaded {
+    /// The state that this is a copy of: two insertions of the component differ in their tables.
+    manifest: Option<AssetId<crate::terrain::TerrainManifest>>,
+    capacity: u32,
+    pages_version: u64,
+    field_version: u64,
+    /// What each page holds.
+    pages: Vec<Option<(TileAddress, AssetId<HeightTile>)>>,
+    world_from_local: Option<DAffine3>,
+}
+
+#[expect(clippy::type_complexity, reason = "queries of a Bevy system")]
+pub(super) fn extract_terrains(
+    terrains: Extract<
+        Query<(
+            Entity,
+            &TerrainState,
+            &TerrainTiles,
+            Option<&TerrainMaterial>,
+            &GlobalTransform,
+            &crate::terrain::Terrain,
+        )>,
+    >,
+    tiles: Extract<Query<(&TileAddress, &TileHeights, &TilePage)>>,
+    heights: Extract<Res<Assets<HeightTile>>>,
+    cameras: Extract<Query<(Entity, &Camera, &TerrainCamera, &TerrainViews, &TerrainNodes)>>,
+    materials: Extract<Res<ComposedMaterials>>,
+    mut extracted: ResMut<ExtractedTerrains>,
+    mut uploaded: ResMut<UploadedTerrains>,
+) {
+    let ExtractedTerrains {
+        terrains: out,
+        views: views_out,
+    } = &mut *extracted;
+    out.clear();
+    views_out.clear();
+    uploaded
+        .terrains
+        .retain(|terrain, _| terrains.contains(*terrain));
+
+    for (entity, state, tile_entities, material, _, terrain) in &terrains {
+        let known = uploaded.terrains.entry(entity).or_default();
+        let manifest = terrain.manifest.id();
+        if known.manifest != Some(manifest)
+            || known.capacity != state.capacity()
+            || known.pages_version > state.pages_version()
+        {
+            *known = Uploaded {
+                manifest: Some(manifest),
+                capacity: state.capacity(),
+                pages: vec![None; state.capacity() as usize],
+                world_from_local: known.world_from_local,
+                ..default()
+            };
+        }
+        let mut uploads = Vec::new();
+        for tile in tile_entities.iter() {
+            let Ok((address, handle, page)) = tiles.get(tile) else {
+                continue;
+            };
+            let slot = &mut known.pages[page.0 as usize];
+            if *slot == Some((*address, handle.id())) {
+                continue;
+            }
+            let Some(tile) = heights.get(handle.id()) else {
+                continue;
+            };
+            *slot = Some((*address, handle.id()));
+            uploads.push(PageUpload {
+                page: page.0,
+                address: *address,
+                heights: tile.clone(),
+            });
+        }
+        let pages = (known.pages_version != state.pages_version()).then(|| {
+            known.pages_version = state.pages_version();
+            state.pages().flat().to_vec()
+        });
+        let field = (known.field_version != state.field_version()).then(|| {
+            known.field_version = state.field_version();
+            state.field().corners.iter().copied().map(u32::from).collect()
+        });
+        let file = &state.manifest().file;
+        let fallback = TerrainMaterial::default();
+        let material = material.unwrap_or(&fallback);
+        out.insert(
+            entity.into(),
+            ExtractedTerrain {
+                capacity: state.capacity(),
+                gradient_scale: (file.height_step_m / (2.0 * file.spacing_m)) as f32,
+                uploads,
+                pages,
+                field,
+                shader: materials.shader(material),
+                parameters: material.parameters,
+            },
+        );
+    }
+
+    for (entity, camera, settings, views, nodes) in &cameras {
+        let settings = settings.checked(|_| ());
+        for view in &views.views {
+            let Ok((_, state, ..)) = terrains.get(view.terrain) else {
+                continue;
+            };
+            let Some(nodes) = nodes.nodes.get(&view.terrain).filter(|nodes| !nodes.is_empty())
+            else {
+                continue;
+            };
+            let Some(factors) = factor_view(camera, &settings, view, state) else {
+                continue;
+            };
+            let previous = uploaded
+                .terrains
+                .get(&view.terrain)
+                .and_then(|known| known.world_from_local)
+                .unwrap_or(view.world_from_local);
+            let mut gpu_view =
+                GpuTerrainView::new(state.lattice(), &view.lod, &factors, settings.partitioning);
+            gpu_view.node_count = nodes.len() as u32;
+            gpu_view.height_min_m = state.manifest().file.height_min_m as f32;
+            gpu_view.height_step_m = state.manifest().file.height_step_m as f32;
+            gpu_view.field_cell_log2 = state.field().cell_log2;
+            gpu_view.field_cells = state.field().cells.to_array();
+            for level in 0..state.pages().levels() {
+                let [across, down] = state.pages().tiles(level);
+                gpu_view.tiles[usize::from(level)] =
+                    [state.pages().level_offset(level), across, down, 0];
+            }
+            let draw = terrain_draw(view, state, &factors, &previous, &gpu_view);
+            views_out.push(ExtractedView {
+                camera: entity.into(),
+                terrain: view.terrain.into(),
+                view: gpu_view,
+                draw,
+                nodes: nodes.iter().copied().map(GpuTerrainNode::from).collect(),
+                max_vertices: settings.max_vertices,
+            });
+        }
+    }
+    // After the views: they need the transform of the frame before.
+    for (_, _, _, views, _) in &cameras {
+        for view in &views.views {
+            if let Some(known) = uploaded.terrains.get_mut(&view.terrain) {
+                known.world_from_local = Some(view.world_from_local);
+            }
+        }
+    }
+}
+
+/// What a camera's edge factors follow from; `None` where it has no viewport yet.
+#[must_use]
+pub fn factor_view(
+    camera: &Camera,
+    settings: &TerrainCamera,
+    view: &TerrainView,
+    state: &TerrainState,
+) -> Option<FactorView> {
+    let height_px = camera.physical_viewport_size()?.y as f32;
+    let clip_from_view = camera.clip_from_view();
+    // Half the viewport's height over the tangent of half the field of view, or over half the
+    // height of an orthographic view.
+    let focal_px = 0.5 * height_px * clip_from_view.y_axis.y.abs();
+    let orthographic = clip_from_view.w_axis.w == 1.0;
+    let segments = focal_px / settings.triangle_width_px;
+    let spacing_m = state.manifest().file.spacing_m;
+    Some(FactorView {
+        eye: view.lod.eye,
+        eye_fraction: view.eye_fraction,
+        eye_height_m: view.eye_height_m,
+        unit_m: state.lattice().unit_m(spacing_m) as f32,
+        segments_per_radian: if orthographic { 0.0 } else { segments },
+        segments_per_m: if orthographic {
+            segments * view.scale
+        } else {
+            0.0
+        },
+        min_triangle_m: settings.min_triangle_m.unwrap_or(spacing_m as f32),
+        max_factor: settings.max_factor,
+    })
+}
+
+fn terrain_draw(
+    view: &TerrainView,
+    state: &TerrainState,
+    factors: &FactorView,
+    previous: &DAffine3,
+    gpu_view: &GpuTerrainView,
+) -> GpuTerrainDraw {
+    // The mesh is relative to the eye's lattice point, which stands still where the eye flies far
+    // off the terrain. Elsewhere the eye itself is taken: it rounds to Bevy's own view position.
+    let unit_m = state.lattice().unit_m(state.manifest().file.spacing_m);
+    let on_lattice = (view.lod.eye.as_dvec2() + view.eye_fraction.as_dvec2()) * unit_m;
+    let eye_m = if (on_lattice - bevy::math::DVec2::new(view.eye_m.x, view.eye_m.z)).abs().max_element() < unit_m {
+        view.eye_m
+    } else {
+        DVec3::new(on_lattice.x, view.eye_m.y, on_lattice.y)
+    };
+    let from_eye = |affine: &DAffine3| {
+        // The eye is brought to its place in double precision; what is added to it is small.
+        let eye = affine.transform_point3(eye_m).as_vec3();
+        Mat4::from_cols(
+            affine.matrix3.x_axis.as_vec3().extend(0.0),
+            affine.matrix3.y_axis.as_vec3().extend(0.0),
+            affine.matrix3.z_axis.as_vec3().extend(0.0),
+            eye.extend(1.0),
+        )
+        .to_cols_array_2d()
+    };
+    let unit_log2 = state.lattice().unit_log2;
+    let sample = view.lod.eye >> IVec2::splat(unit_log2.cast_signed());
+    let rest = view.lod.eye - (sample << IVec2::splat(unit_log2.cast_signed()));
+    let fraction = (rest.as_vec2() + view.eye_fraction) / (1_u32 << unit_log2) as f32;
+    GpuTerrainDraw {
+        world_from_eye: from_eye(&view.world_from_local),
+        previous_world_from_eye: from_eye(previous),
+        eye_point: view.lod.eye.to_array(),
+        eye_fraction: view.eye_fraction.to_array(),
+        eye_sample: sample.to_array(),
+        eye_sample_fraction: fraction.to_array(),
+        eye_local_m: [eye_m.x as f32, eye_m.z as f32],
+        eye_height_m: view.eye_height_m,
+        unit_m: factors.unit_m,
+        spacing_m: state.manifest().file.spacing_m as f32,
+        root_level: state.lattice().root_level,
+        tiles: gpu_view.tiles,
+        ..GpuTerrainDraw::zeroed()
+    }
+}

@@ -1,0 +1,198 @@
+//! Structs that the passes share with Rust; each has its pair in `shaders/types.wgsl`, and
+//! `tests/shaders.rs` compares their layouts.
+
+use crate::lattice::{Lattice, MAX_LEVELS, Node, ViewLod};
+use crate::tessellate::{FactorView, Partitioning};
+use bytemuck::{Pod, Zeroable};
+
+/// Everything that a view's mesh follows from; WGSL `TerrainView`.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuTerrainView {
+    /// The eye's lattice point.
+    pub eye: [i32; 2],
+    /// The terrain's last lattice point.
+    pub extent: [i32; 2],
+    /// The eye's fraction of a lattice unit.
+    pub eye_fraction: [f32; 2],
+    /// The eye's height above the terrain's origin, metres.
+    pub eye_height_m: f32,
+    /// Metres per lattice unit.
+    pub unit_m: f32,
+    /// Floor of all distances, lattice units.
+    pub distance_floor: i32,
+    /// 1 where the distance in the plane counts.
+    pub planar: u32,
+    /// Lattice units per sample, as a power of two.
+    pub unit_log2: u32,
+    /// Faces a side, as a power of two.
+    pub faces_log2: u32,
+    /// Finest geometry level.
+    pub leaf_level: i32,
+    /// Coarsest level.
+    pub root_level: i32,
+    /// [`Partitioning`] as a number.
+    pub partitioning: u32,
+    /// Nodes in the view.
+    pub node_count: u32,
+    /// See [`FactorView::segments_per_radian`].
+    pub segments_per_radian: f32,
+    /// See [`FactorView::segments_per_m`].
+    pub segments_per_m: f32,
+    /// See [`FactorView::min_triangle_m`].
+    pub min_triangle_m: f32,
+    /// See [`FactorView::max_factor`].
+    pub max_factor: f32,
+    /// Metres of a stored 0.
+    pub height_min_m: f32,
+    /// Metres a stored unit.
+    pub height_step_m: f32,
+    /// Side of a residency cell, as a power of two.
+    pub field_cell_log2: u32,
+    /// Room in the vertex buffer.
+    pub max_vertices: u32,
+    /// Residency cells in x and z.
+    pub field_cells: [u32; 2],
+    /// Room in the index buffer, triangles.
+    pub max_triangles: u32,
+    /// Padding.
+    pub unused: u32,
+    /// Per geometry level: where it begins to morph, its zone as a power of two.
+    pub geometry: [[i32; 4]; MAX_LEVELS],
+    /// Per tile level: first entry in the page table, tiles in x and z.
+    pub tiles: [[u32; 4]; MAX_LEVELS],
+}
+
+impl GpuTerrainView {
+    /// The view of `lod`, with everything that the terrain's buffers decide left at zero.
+    #[must_use]
+    pub fn new(
+        lattice: &Lattice,
+        lod: &ViewLod,
+        factors: &FactorView,
+        partitioning: Partitioning,
+    ) -> Self {
+        let mut view = Self {
+            eye: lod.eye.to_array(),
+            extent: lattice.extent.to_array(),
+            eye_fraction: factors.eye_fraction.to_array(),
+            eye_height_m: factors.eye_height_m,
+            unit_m: factors.unit_m,
+            distance_floor: lod.floor,
+            planar: u32::from(lod.planar),
+            unit_log2: lattice.unit_log2,
+            faces_log2: lattice.faces_log2,
+            leaf_level: lattice.leaf_level,
+            root_level: lattice.root_level,
+            partitioning: partitioning as u32,
+            segments_per_radian: factors.segments_per_radian,
+            segments_per_m: factors.segments_per_m,
+            min_triangle_m: factors.min_triangle_m,
+            max_factor: factors.max_factor,
+            ..Self::zeroed()
+        };
+        for (level, entry) in view.geometry.iter_mut().enumerate() {
+            *entry = [
+                lod.morph_start[level],
+                lod.zone_log2[level].cast_signed(),
+                0,
+                0,
+            ];
+        }
+        view
+    }
+}
+
+/// How a view's mesh comes to stand in the world; WGSL `TerrainDraw`.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuTerrainDraw {
+    /// From metres relative to the eye.
+    pub world_from_eye: [[f32; 4]; 4],
+    /// The same with the terrain's transform of the frame before.
+    pub previous_world_from_eye: [[f32; 4]; 4],
+    /// The eye's lattice point.
+    pub eye_point: [i32; 2],
+    /// The eye's fraction of a lattice unit.
+    pub eye_fraction: [f32; 2],
+    /// The eye's sample at level 0.
+    pub eye_sample: [i32; 2],
+    /// The eye's fraction of a sample.
+    pub eye_sample_fraction: [f32; 2],
+    /// Metres from the terrain's corner to the eye.
+    pub eye_local_m: [f32; 2],
+    /// The eye's height above the terrain's origin, metres.
+    pub eye_height_m: f32,
+    /// Metres per lattice unit.
+    pub unit_m: f32,
+    /// Metres per sample of level 0.
+    pub spacing_m: f32,
+    /// Coarsest level.
+    pub root_level: i32,
+    /// Padding.
+    pub unused: [u32; 2],
+    /// Per tile level: first entry in the page table, tiles in x and z.
+    pub tiles: [[u32; 4]; MAX_LEVELS],
+}
+
+/// A node; WGSL `TerrainNode`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuTerrainNode {
+    /// First lattice point.
+    pub origin: [i32; 2],
+    /// Level.
+    pub level: i32,
+    /// Padding.
+    pub unused: i32,
+}
+
+impl From<Node> for GpuTerrainNode {
+    fn from(node: Node) -> Self {
+        Self {
+            origin: node.origin.to_array(),
+            level: node.level,
+            unused: 0,
+        }
+    }
+}
+
+/// A vertex as the passes write and the draws read it; WGSL `TerrainVertex`.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuTerrainVertex {
+    /// Lattice point.
+    pub point: [i32; 2],
+    /// Height above the terrain's origin, metres.
+    pub height_m: f32,
+    /// Level of detail that the height was read at, 16.16.
+    pub lambda: i32,
+}
+
+/// Arguments of the indirect draw, then what became of the view; WGSL `TerrainDrawArgs`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuTerrainDrawArgs {
+    /// Indices to draw.
+    pub index_count: u32,
+    /// Always 1.
+    pub instance_count: u32,
+    /// Always 0.
+    pub first_index: u32,
+    /// Always 0.
+    pub base_vertex: i32,
+    /// Always 0: `INDIRECT_FIRST_INSTANCE` isn't asked for.
+    pub first_instance: u32,
+    /// Power of two by which all factors were brought down to fit the buffers.
+    pub scale: u32,
+    /// Vertices written.
+    pub vertices: u32,
+    /// Triangles written.
+    pub triangles: u32,
+    /// Vertices that would have been written with room enough.
+    pub wanted_vertices: u32,
+    /// Triangles that would have been written with room enough.
+    pub wanted_triangles: u32,
+    /// Padding.
+    pub unused: [u32; 2],
+}

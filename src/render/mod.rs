@@ -1,0 +1,175 @@
+//! Drawing: nodes are selected and culled on the CPU, compute passes write their vertices and
+//! triangles, and one indirect draw a pass puts them into Bevy's own phases.
+//!
+//! What it costs: a page takes about 106 KiB of GPU memory, a vertex with its triangles at most
+//! 40 bytes of room ([`TerrainCamera::max_vertices`](crate::terrain::TerrainCamera::max_vertices)
+//! of them per camera), a draw call per terrain, view and pass. It asks for no feature beyond
+//! WebGPU's defaults.
+//!
+//! What it doesn't do: shadows of point and spot lights are drawn from the mesh of one camera,
+//! and transparent terrains don't exist.
+
+mod cull;
+mod draw;
+mod extract;
+mod gpu_types;
+mod material;
+mod passes;
+mod pipelines;
+mod prepare;
+
+pub use cull::{LocalVolume, NodeBox, TerrainNodes, select_seen};
+pub use extract::factor_view;
+pub use gpu_types::{
+    GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
+};
+pub use material::{DEFAULT_MATERIAL_WGSL, TerrainMaterial, compose_material};
+pub use prepare::{GpuTerrainMesh, GpuTerrainMeshes, tile_gradients};
+
+use crate::terrain::{TerrainCamera, TerrainSystems};
+use bevy::asset::embedded_asset;
+use bevy::camera::visibility::VisibilitySystems;
+use bevy::core_pipeline::core_3d::Opaque3d;
+use bevy::core_pipeline::deferred::AlphaMask3dDeferred;
+use bevy::core_pipeline::prepass::Opaque3dPrepass;
+use bevy::core_pipeline::schedule::camera_driver;
+use bevy::light::SimulationLightSystems;
+use bevy::pbr::{Shadow, init_prepass_pipeline};
+use bevy::prelude::*;
+use bevy::render::render_phase::AddRenderCommand;
+use bevy::render::render_resource::SpecializedRenderPipelines;
+use bevy::render::renderer::{RenderGraph, RenderGraphSystems};
+use bevy::render::{ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
+use bevy::shader::load_shader_library;
+
+/// What terrains do in `PostUpdate` to be drawn.
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TerrainRenderSystems {
+    /// [`TerrainNodes`] of all cameras are selected and culled, after
+    /// [`TerrainSystems::Stream`] and after cameras' and lights' frusta. Order after it whatever
+    /// reads them.
+    Cull,
+}
+
+/// The compute passes, in order, each a system in Bevy's `RenderGraph` schedule before
+/// `camera_driver`. Order a game's own passes against these sets: after
+/// [`Vertices`](Self::Vertices) to change what is drawn, after [`Indices`](Self::Indices) to read
+/// it.
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TerrainPass {
+    /// Faces get their factors, nodes their counts.
+    Classify,
+    /// The view's scale, the nodes' places in the buffers, the indirect draw's arguments.
+    Setup,
+    /// Every vertex is evaluated once.
+    Vertices,
+    /// Triangles are listed.
+    Indices,
+}
+
+impl TerrainPass {
+    /// The pass's label in captures, and its name in Bevy's render diagnostics.
+    #[must_use]
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::Classify => "terrain_classify",
+            Self::Setup => "terrain_setup",
+            Self::Vertices => "terrain_vertices",
+            Self::Indices => "terrain_indices",
+        }
+    }
+}
+
+/// Draws terrains for every [`TerrainCamera`]. Does nothing where there is no renderer.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TerrainRenderPlugin;
+
+impl Plugin for TerrainRenderPlugin {
+    fn build(&self, app: &mut App) {
+        // Without a renderer there may be no shaders either.
+        if app.get_sub_app(RenderApp).is_none() {
+            return;
+        }
+        load_shader_library!(app, "shaders/types.wgsl");
+        load_shader_library!(app, "shaders/bindings.wgsl");
+        load_shader_library!(app, "shaders/lattice.wgsl");
+        load_shader_library!(app, "shaders/height.wgsl");
+        load_shader_library!(app, "shaders/face.wgsl");
+        load_shader_library!(app, "shaders/scan.wgsl");
+        load_shader_library!(app, "shaders/surface.wgsl");
+        load_shader_library!(app, "shaders/vertex_io.wgsl");
+        embedded_asset!(app, "shaders/classify.wgsl");
+        embedded_asset!(app, "shaders/setup.wgsl");
+        embedded_asset!(app, "shaders/vertices.wgsl");
+        embedded_asset!(app, "shaders/indices.wgsl");
+        embedded_asset!(app, "shaders/vertex.wgsl");
+        material::add_default_material(app.world_mut());
+
+        app.register_type::<TerrainMaterial>()
+            .register_required_components::<TerrainCamera, TerrainNodes>()
+            .add_systems(Last, material::compose_materials)
+            .configure_sets(
+                PostUpdate,
+                TerrainRenderSystems::Cull
+                    .after(TerrainSystems::Stream)
+                    .after(VisibilitySystems::UpdateFrusta)
+                    .after(VisibilitySystems::VisibilityPropagate)
+                    .after(SimulationLightSystems::UpdateLightFrusta),
+            )
+            .add_systems(
+                PostUpdate,
+                cull::cull_nodes.in_set(TerrainRenderSystems::Cull),
+            );
+
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
+            return;
+        };
+        render_app
+            .init_gpu_resource::<extract::ExtractedTerrains>()
+            .init_gpu_resource::<extract::UploadedTerrains>()
+            .init_gpu_resource::<prepare::GpuTerrains>()
+            .init_gpu_resource::<GpuTerrainMeshes>()
+            .init_gpu_resource::<draw::TerrainDraws>()
+            .init_gpu_resource::<SpecializedRenderPipelines<pipelines::TerrainDrawPipeline>>()
+            .add_render_command::<Opaque3d, draw::DrawTerrainMain>()
+            .add_render_command::<Opaque3dPrepass, draw::DrawTerrainPrepass>()
+            .add_render_command::<AlphaMask3dDeferred, draw::DrawTerrainPrepass>()
+            .add_render_command::<Shadow, draw::DrawTerrainPrepass>()
+            .add_systems(
+                RenderStartup,
+                pipelines::init_terrain_pipelines.after(init_prepass_pipeline),
+            )
+            .add_systems(ExtractSchedule, extract::extract_terrains)
+            .add_systems(
+                Render,
+                (
+                    // Before queueing, which asks for the meshes of this frame.
+                    (prepare::prepare_terrains, prepare::prepare_meshes)
+                        .chain()
+                        .in_set(RenderSystems::PrepareAssets),
+                    draw::queue_terrains.in_set(RenderSystems::Queue),
+                ),
+            )
+            .configure_sets(
+                RenderGraph,
+                (
+                    TerrainPass::Classify,
+                    TerrainPass::Setup,
+                    TerrainPass::Vertices,
+                    TerrainPass::Indices,
+                )
+                    .chain()
+                    .in_set(RenderGraphSystems::Render)
+                    .before(camera_driver),
+            )
+            .add_systems(
+                RenderGraph,
+                (
+                    passes::classify.in_set(TerrainPass::Classify),
+                    passes::setup.in_set(TerrainPass::Setup),
+                    passes::vertices.in_set(TerrainPass::Vertices),
+                    passes::indices.in_set(TerrainPass::Indices),
+                ),
+            );
+    }
+}

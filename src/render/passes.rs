@@ -1,0 +1,93 @@
+//! The compute passes, one system each, before Bevy draws any view.
+
+use super::TerrainPass;
+use super::pipelines::TerrainPipelines;
+use super::prepare::{GpuTerrainMesh, GpuTerrainMeshes, MeshBindGroups};
+use bevy::prelude::*;
+use bevy::render::diagnostic::RecordDiagnostics;
+use bevy::render::render_resource::{
+    BindGroup, CachedComputePipelineId, ComputePassDescriptor, PipelineCache,
+};
+use bevy::render::renderer::RenderContext;
+
+/// Workgroups that share the vertices, or the triangles, of a node: the nodes beside the eye hold
+/// most of a view's.
+const NODE_SHARES: u32 = 4;
+/// Workgroups along one dimension of a dispatch; the rest go along the next.
+const DISPATCH_ACROSS: u32 = 1 << 15;
+
+struct Pass {
+    kind: TerrainPass,
+    pipeline: fn(&TerrainPipelines) -> CachedComputePipelineId,
+    group: fn(&MeshBindGroups) -> &BindGroup,
+    workgroups: fn(u32) -> [u32; 3],
+}
+
+fn nodes(count: u32, shares: u32) -> [u32; 3] {
+    let across = count.min(DISPATCH_ACROSS);
+    [across, count.div_ceil(across.max(1)), shares]
+}
+
+fn run(
+    pass: &Pass,
+    meshes: &GpuTerrainMeshes,
+    pipelines: &TerrainPipelines,
+    cache: &PipelineCache,
+    context: &mut RenderContext,
+) {
+    let Some(pipeline) = cache.get_compute_pipeline((pass.pipeline)(pipelines)) else {
+        return;
+    };
+    if meshes.meshes.is_empty() {
+        return;
+    }
+    let diagnostics = context.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let label = pass.kind.label();
+    let mut compute = context
+        .command_encoder()
+        .begin_compute_pass(&ComputePassDescriptor {
+            label: Some(label),
+            timestamp_writes: None,
+        });
+    let span = diagnostics.pass_span(&mut compute, label);
+    compute.set_pipeline(pipeline);
+    for mesh in meshes.meshes.values() {
+        let GpuTerrainMesh {
+            groups: Some(groups),
+            ..
+        } = mesh
+        else {
+            continue;
+        };
+        let [x, y, z] = (pass.workgroups)(mesh.node_count());
+        compute.set_bind_group(0, &groups.inputs, &[]);
+        compute.set_bind_group(1, (pass.group)(groups), &[]);
+        compute.dispatch_workgroups(x, y, z);
+    }
+    span.end(&mut compute);
+}
+
+macro_rules! pass_system {
+    ($name:ident, $kind:ident, $workgroups:expr) => {
+        pub(super) fn $name(
+            meshes: Res<GpuTerrainMeshes>,
+            pipelines: Res<TerrainPipelines>,
+            cache: Res<PipelineCache>,
+            mut context: RenderContext,
+        ) {
+            let pass = Pass {
+                kind: TerrainPass::$kind,
+                pipeline: |pipelines| pipelines.$name,
+                group: |groups| &groups.$name,
+                workgroups: $workgroups,
+            };
+            run(&pass, &meshes, &pipelines, &cache, &mut context);
+        }
+    };
+}
+
+pass_system!(classify, Classify, |count| nodes(count, 1));
+pass_system!(setup, Setup, |_| [1, 1, 1]);
+pass_system!(vertices, Vertices, |count| nodes(count, NODE_SHARES));
+pass_system!(indices, Indices, |count| nodes(count, NODE_SHARES));

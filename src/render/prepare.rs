@@ -1,0 +1,565 @@
+//! Buffers, textures and bind groups: made when they are missing or too small, never for nothing.
+
+use super::extract::{ExtractedTerrain, ExtractedTerrains, ExtractedView, PageUpload};
+use super::gpu_types::{
+    GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
+};
+use super::pipelines::TerrainPipelines;
+use crate::tessellate::FACTOR_SCALES;
+use crate::tile::{HeightTile, TILE_STORED};
+use bevy::platform::collections::HashMap;
+use bevy::prelude::*;
+use bevy::render::render_resource::{
+    BindGroup, BindGroupEntries, Buffer, BufferDescriptor, BufferUsages, Extent3d, Origin3d,
+    PipelineCache, TexelCopyBufferLayout, TexelCopyTextureInfo, Texture, TextureAspect,
+    TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
+    TextureViewDescriptor, TextureViewDimension,
+};
+use bevy::render::renderer::{RenderDevice, RenderQueue};
+use bevy::render::sync_world::MainEntity;
+use half::f16;
+
+/// Pages along the side of an atlas layer.
+const PAGES_ACROSS: u32 = 8;
+const PAGES_A_LAYER: u32 = PAGES_ACROSS * PAGES_ACROSS;
+/// Bytes a vertex and its six indices take at most; see [`largest_room`].
+const INDICES_A_VERTEX: u64 = 6;
+
+/// A terrain's pages and tables on the GPU.
+pub(super) struct GpuTerrain {
+    capacity: u32,
+    heights: Texture,
+    heights_view: TextureView,
+    gradients: Texture,
+    gradients_view: TextureView,
+    page_table: Buffer,
+    field: Buffer,
+    parameters: Buffer,
+    written_parameters: Option<[Vec4; 8]>,
+    pub(super) material: BindGroup,
+    /// Rises when a buffer or texture is replaced, so that views rebuild their bind groups.
+    generation: u64,
+}
+
+/// All terrains on the GPU, by their entity in the main world.
+#[derive(Resource, Default)]
+pub(super) struct GpuTerrains {
+    pub(super) terrains: HashMap<MainEntity, GpuTerrain>,
+}
+
+/// A camera's mesh of a terrain on the GPU.
+pub struct GpuTerrainMesh {
+    view: Buffer,
+    draw: Buffer,
+    nodes: Buffer,
+    factors: Buffer,
+    totals: Buffer,
+    offsets: Buffer,
+    args: Buffer,
+    vertices: Buffer,
+    indices: Buffer,
+    node_room: u32,
+    face_room: u64,
+    vertex_room: u32,
+    node_count: u32,
+    /// What this frame's view was, as the passes see it.
+    uniform: GpuTerrainView,
+    generation: (u64, u64),
+    seen: bool,
+    pub(super) groups: Option<MeshBindGroups>,
+}
+
+/// The bind groups of a mesh's passes and draws.
+pub(super) struct MeshBindGroups {
+    pub(super) inputs: BindGroup,
+    pub(super) classify: BindGroup,
+    pub(super) setup: BindGroup,
+    pub(super) vertices: BindGroup,
+    pub(super) indices: BindGroup,
+    pub(super) draw: BindGroup,
+    built_for: (u64, u64),
+}
+
+/// The meshes of all cameras and terrains, by (camera, terrain).
+#[derive(Resource, Default)]
+pub struct GpuTerrainMeshes {
+    pub(super) meshes: HashMap<(MainEntity, MainEntity), GpuTerrainMesh>,
+}
+
+impl GpuTerrainMeshes {
+    /// The mesh of `terrain` that `camera` sees, both as entities of the main world.
+    #[must_use]
+    pub fn get(&self, camera: Entity, terrain: Entity) -> Option<&GpuTerrainMesh> {
+        self.meshes.get(&(camera.into(), terrain.into()))
+    }
+}
+
+impl GpuTerrainMesh {
+    /// [`GpuTerrainVertex`] by [`GpuTerrainVertex`], as many as [`args`](Self::args) say.
+    #[must_use]
+    pub const fn vertices(&self) -> &Buffer {
+        &self.vertices
+    }
+
+    /// Three `u32` a triangle.
+    #[must_use]
+    pub const fn indices(&self) -> &Buffer {
+        &self.indices
+    }
+
+    /// One [`GpuTerrainDrawArgs`].
+    #[must_use]
+    pub const fn args(&self) -> &Buffer {
+        &self.args
+    }
+
+    /// Four `u32` a face, as many faces as nodes times faces a node.
+    #[must_use]
+    pub const fn factors(&self) -> &Buffer {
+        &self.factors
+    }
+
+    /// Nodes in this frame's view.
+    #[must_use]
+    pub const fn node_count(&self) -> u32 {
+        self.node_count
+    }
+
+    /// What the passes were told of this frame's view.
+    #[must_use]
+    pub const fn uniform(&self) -> &GpuTerrainView {
+        &self.uniform
+    }
+}
+
+fn buffer(device: &RenderDevice, label: &'static str, size: u64, usage: BufferUsages) -> Buffer {
+    device.create_buffer(&BufferDescriptor {
+        label: Some(label),
+        size: size.max(16).next_multiple_of(16),
+        usage: usage | BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}
+
+/// The most vertices whose indices still fit one binding: three indices a triangle, fewer than two
+/// triangles a vertex.
+fn largest_room(device: &RenderDevice) -> u32 {
+    let limits = device.limits();
+    let bytes = u64::from(limits.max_storage_buffer_binding_size as u32)
+        .min(limits.max_buffer_size);
+    u32::try_from(bytes / (INDICES_A_VERTEX * 4)).unwrap_or(u32::MAX)
+}
+
+impl GpuTerrain {
+    fn new(
+        device: &RenderDevice,
+        cache: &PipelineCache,
+        pipelines: &TerrainPipelines,
+        capacity: u32,
+    ) -> Self {
+        let layers = capacity.div_ceil(PAGES_A_LAYER);
+        let atlas = |label, format| {
+            let texture = device.create_texture(&TextureDescriptor {
+                label: Some(label),
+                size: Extent3d {
+                    width: PAGES_ACROSS * TILE_STORED,
+                    height: PAGES_ACROSS * TILE_STORED,
+                    depth_or_array_layers: layers,
+                },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: TextureDimension::D2,
+                format,
+                usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
+                view_formats: &[],
+            });
+            let view = texture.create_view(&TextureViewDescriptor {
+                label: Some(label),
+                dimension: Some(TextureViewDimension::D2Array),
+                ..default()
+            });
+            (texture, view)
+        };
+        let (heights, heights_view) = atlas("terrain_height_pages", TextureFormat::R16Uint);
+        let (gradients, gradients_view) =
+            atlas("terrain_gradient_pages", TextureFormat::Rg16Float);
+        let parameters = buffer(
+            device,
+            "terrain_material_parameters",
+            8 * 16,
+            BufferUsages::UNIFORM,
+        );
+        let material = device.create_bind_group(
+            "terrain_material_bind_group",
+            &cache.get_bind_group_layout(&pipelines.material_layout),
+            &BindGroupEntries::single(parameters.as_entire_binding()),
+        );
+        let empty = |label| buffer(device, label, 16, BufferUsages::STORAGE);
+        Self {
+            capacity,
+            heights,
+            heights_view,
+            gradients,
+            gradients_view,
+            page_table: empty("terrain_page_table"),
+            field: empty("terrain_residency_field"),
+            parameters,
+            written_parameters: None,
+            material,
+            generation: 0,
+        }
+    }
+
+    fn write_table(
+        table: &mut Buffer,
+        generation: &mut u64,
+        label: &'static str,
+        words: &[u32],
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) {
+        let bytes: &[u8] = bytemuck::cast_slice(words);
+        if table.size() < bytes.len() as u64 {
+            *table = buffer(device, label, bytes.len() as u64, BufferUsages::STORAGE);
+            *generation += 1;
+        }
+        queue.write_buffer(table, 0, bytes);
+    }
+
+    fn write_page(
+        &self,
+        queue: &RenderQueue,
+        upload: &PageUpload,
+        gradient_scale: f32,
+        scratch: &mut Vec<[f16; 2]>,
+    ) {
+        let place = upload.page % PAGES_A_LAYER;
+        let origin = Origin3d {
+            x: place % PAGES_ACROSS * TILE_STORED,
+            y: place / PAGES_ACROSS * TILE_STORED,
+            z: upload.page / PAGES_A_LAYER,
+        };
+        let size = Extent3d {
+            width: TILE_STORED,
+            height: TILE_STORED,
+            depth_or_array_layers: 1,
+        };
+        let write = |texture: &Texture, bytes: &[u8], texel_bytes: u32| {
+            queue.write_texture(
+                TexelCopyTextureInfo {
+                    texture,
+                    mip_level: 0,
+                    origin,
+                    aspect: TextureAspect::All,
+                },
+                bytes,
+                TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(TILE_STORED * texel_bytes),
+                    rows_per_image: Some(TILE_STORED),
+                },
+                size,
+            );
+        };
+        write(
+            &self.heights,
+            bytemuck::cast_slice(upload.heights.samples()),
+            2,
+        );
+        let scale = gradient_scale / (1_u32 << upload.address.level) as f32;
+        tile_gradients(&upload.heights, scale, scratch);
+        write(&self.gradients, bytemuck::cast_slice(scratch), 4);
+    }
+}
+
+/// Rise of the ground per metre in x and z at every stored sample, by central differences (the
+/// cross filter of Andersson 2007, listing 1, before it is normalised). `scale` is metres per
+/// stored unit over the distance of the two samples. The outermost samples take the difference
+/// that they have; nothing inside a tile reads them.
+pub fn tile_gradients(tile: &HeightTile, scale: f32, gradients: &mut Vec<[f16; 2]>) {
+    let side = TILE_STORED as usize;
+    let samples = tile.samples();
+    gradients.clear();
+    gradients.reserve(side * side);
+    for z in 0..side {
+        let row = &samples[z * side..][..side];
+        let above = &samples[z.saturating_sub(1) * side..][..side];
+        let below = &samples[(z + 1).min(side - 1) * side..][..side];
+        for x in 0..side {
+            let left = f32::from(row[x.saturating_sub(1)]);
+            let right = f32::from(row[(x + 1).min(side - 1)]);
+            gradients.push([
+                f16::from_f32((right - left) * scale),
+                f16::from_f32((f32::from(below[x]) - f32::from(above[x])) * scale),
+            ]);
+        }
+    }
+}
+
+impl GpuTerrainMesh {
+    fn new(device: &RenderDevice) -> Self {
+        let storage = |label| buffer(device, label, 16, BufferUsages::STORAGE);
+        Self {
+            view: buffer(
+                device,
+                "terrain_view",
+                size_of::<GpuTerrainView>() as u64,
+                BufferUsages::UNIFORM,
+            ),
+            draw: buffer(
+                device,
+                "terrain_draw",
+                size_of::<GpuTerrainDraw>() as u64,
+                BufferUsages::UNIFORM,
+            ),
+            args: buffer(
+                device,
+                "terrain_draw_args",
+                size_of::<GpuTerrainDrawArgs>() as u64,
+                BufferUsages::STORAGE | BufferUsages::INDIRECT | BufferUsages::COPY_SRC,
+            ),
+            nodes: storage("terrain_nodes"),
+            factors: storage("terrain_face_factors"),
+            totals: storage("terrain_node_totals"),
+            offsets: storage("terrain_node_offsets"),
+            vertices: storage("terrain_vertices"),
+            indices: storage("terrain_indices"),
+            node_room: 0,
+            face_room: 0,
+            vertex_room: 0,
+            node_count: 0,
+            uniform: bytemuck::Zeroable::zeroed(),
+            generation: (0, 0),
+            seen: false,
+            groups: None,
+        }
+    }
+
+    /// Makes room for the view's nodes and for at least the coarsest mesh of them.
+    fn make_room(&mut self, device: &RenderDevice, extracted: &ExtractedView) {
+        let nodes = extracted.nodes.len() as u32;
+        let faces_a_node = 1_u64 << (2 * extracted.view.faces_log2);
+        let faces = u64::from(nodes) * faces_a_node;
+        let mut replaced = false;
+        if self.node_room < nodes {
+            self.node_room = nodes.next_power_of_two().max(64);
+            let room = u64::from(self.node_room);
+            let storage =
+                |label, bytes: u64| buffer(device, label, room * bytes, BufferUsages::STORAGE);
+            self.nodes = storage("terrain_nodes", size_of::<GpuTerrainNode>() as u64);
+            self.totals = storage("terrain_node_totals", 8 * FACTOR_SCALES as u64);
+            self.offsets = storage("terrain_node_offsets", 8);
+            replaced = true;
+        }
+        if self.face_room < faces {
+            self.face_room = u64::from(self.node_room) * faces_a_node;
+            self.factors = buffer(
+                device,
+                "terrain_face_factors",
+                self.face_room * 16,
+                BufferUsages::STORAGE | BufferUsages::COPY_SRC,
+            );
+            replaced = true;
+        }
+        // Four vertices a face: the least factor everywhere always fits.
+        let least = u32::try_from(4 * faces).unwrap_or(u32::MAX).next_power_of_two();
+        let room = extracted.max_vertices.max(least).min(largest_room(device));
+        if self.vertex_room != room {
+            self.vertex_room = room;
+            let bytes = u64::from(room) * size_of::<GpuTerrainVertex>() as u64;
+            self.vertices = buffer(
+                device,
+                "terrain_vertices",
+                bytes,
+                BufferUsages::STORAGE | BufferUsages::VERTEX | BufferUsages::COPY_SRC,
+            );
+            self.indices = buffer(
+                device,
+                "terrain_indices",
+                u64::from(room) * INDICES_A_VERTEX * 4,
+                BufferUsages::STORAGE | BufferUsages::INDEX | BufferUsages::COPY_SRC,
+            );
+            replaced = true;
+        }
+        if replaced {
+            self.generation.0 += 1;
+        }
+    }
+
+    fn write(&mut self, queue: &RenderQueue, extracted: &ExtractedView) {
+        self.node_count = extracted.nodes.len() as u32;
+        self.uniform = extracted.view;
+        self.uniform.max_vertices = self.vertex_room;
+        self.uniform.max_triangles = self.vertex_room.saturating_mul(2);
+        queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&self.uniform));
+        queue.write_buffer(&self.draw, 0, bytemuck::bytes_of(&extracted.draw));
+        queue.write_buffer(&self.nodes, 0, bytemuck::cast_slice(&extracted.nodes));
+    }
+
+    fn bind(
+        &mut self,
+        device: &RenderDevice,
+        cache: &PipelineCache,
+        pipelines: &TerrainPipelines,
+        terrain: &GpuTerrain,
+    ) {
+        let built_for = (self.generation.0, terrain.generation);
+        if self.groups.as_ref().is_some_and(|groups| groups.built_for == built_for) {
+            return;
+        }
+        let layout = |descriptor| cache.get_bind_group_layout(descriptor);
+        let group = |label, descriptor, entries: &[_]| {
+            device.create_bind_group(label, &layout(descriptor), entries)
+        };
+        self.groups = Some(MeshBindGroups {
+            inputs: group(
+                "terrain_inputs_bind_group",
+                &pipelines.inputs_layout,
+                &BindGroupEntries::sequential((
+                    self.view.as_entire_binding(),
+                    self.nodes.as_entire_binding(),
+                    terrain.page_table.as_entire_binding(),
+                    terrain.field.as_entire_binding(),
+                    &terrain.heights_view,
+                )),
+            ),
+            classify: group(
+                "terrain_classify_bind_group",
+                &pipelines.classify_layout,
+                &BindGroupEntries::with_indices((
+                    (0, self.factors.as_entire_binding()),
+                    (1, self.totals.as_entire_binding()),
+                )),
+            ),
+            setup: group(
+                "terrain_setup_bind_group",
+                &pipelines.setup_layout,
+                &BindGroupEntries::with_indices((
+                    (1, self.totals.as_entire_binding()),
+                    (2, self.offsets.as_entire_binding()),
+                    (3, self.args.as_entire_binding()),
+                )),
+            ),
+            vertices: group(
+                "terrain_vertices_bind_group",
+                &pipelines.vertices_layout,
+                &BindGroupEntries::with_indices((
+                    (0, self.factors.as_entire_binding()),
+                    (2, self.offsets.as_entire_binding()),
+                    (3, self.args.as_entire_binding()),
+                    (4, self.vertices.as_entire_binding()),
+                )),
+            ),
+            indices: group(
+                "terrain_indices_bind_group",
+                &pipelines.indices_layout,
+                &BindGroupEntries::with_indices((
+                    (0, self.factors.as_entire_binding()),
+                    (2, self.offsets.as_entire_binding()),
+                    (3, self.args.as_entire_binding()),
+                    (5, self.indices.as_entire_binding()),
+                )),
+            ),
+            draw: group(
+                "terrain_draw_bind_group",
+                &pipelines.draw_layout,
+                &BindGroupEntries::sequential((
+                    self.draw.as_entire_binding(),
+                    terrain.page_table.as_entire_binding(),
+                    &terrain.gradients_view,
+                    &pipelines.gradient_sampler,
+                )),
+            ),
+            built_for,
+        });
+    }
+}
+
+pub(super) fn prepare_terrains(
+    extracted: Res<ExtractedTerrains>,
+    mut terrains: ResMut<GpuTerrains>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+    cache: Res<PipelineCache>,
+    pipelines: Res<TerrainPipelines>,
+    mut scratch: Local<Vec<[f16; 2]>>,
+) {
+    terrains
+        .terrains
+        .retain(|entity, _| extracted.terrains.contains_key(entity));
+    for (entity, extracted) in &extracted.terrains {
+        let ExtractedTerrain {
+            capacity,
+            gradient_scale,
+            uploads,
+            pages,
+            field,
+            parameters,
+            ..
+        } = extracted;
+        let terrain = terrains
+            .terrains
+            .entry(*entity)
+            .or_insert_with(|| GpuTerrain::new(&device, &cache, &pipelines, *capacity));
+        if terrain.capacity != *capacity {
+            let generation = terrain.generation + 1;
+            *terrain = GpuTerrain::new(&device, &cache, &pipelines, *capacity);
+            terrain.generation = generation;
+        }
+        for upload in uploads {
+            terrain.write_page(&queue, upload, *gradient_scale, &mut scratch);
+        }
+        if let Some(pages) = pages {
+            GpuTerrain::write_table(
+                &mut terrain.page_table,
+                &mut terrain.generation,
+                "terrain_page_table",
+                pages,
+                &device,
+                &queue,
+            );
+        }
+        if let Some(field) = field {
+            GpuTerrain::write_table(
+                &mut terrain.field,
+                &mut terrain.generation,
+                "terrain_residency_field",
+                field,
+                &device,
+                &queue,
+            );
+        }
+        if terrain.written_parameters != Some(*parameters) {
+            terrain.written_parameters = Some(*parameters);
+            queue.write_buffer(&terrain.parameters, 0, bytemuck::cast_slice(parameters));
+        }
+    }
+}
+
+pub(super) fn prepare_meshes(
+    extracted: Res<ExtractedTerrains>,
+    terrains: Res<GpuTerrains>,
+    mut meshes: ResMut<GpuTerrainMeshes>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+    cache: Res<PipelineCache>,
+    pipelines: Res<TerrainPipelines>,
+) {
+    for mesh in meshes.meshes.values_mut() {
+        mesh.seen = false;
+    }
+    for extracted in &extracted.views {
+        let Some(terrain) = terrains.terrains.get(&extracted.terrain) else {
+            continue;
+        };
+        let mesh = meshes
+            .meshes
+            .entry((extracted.camera, extracted.terrain))
+            .or_insert_with(|| GpuTerrainMesh::new(&device));
+        mesh.seen = true;
+        mesh.make_room(&device, extracted);
+        mesh.write(&queue, extracted);
+        mesh.bind(&device, &cache, &pipelines, terrain);
+    }
+    meshes.meshes.retain(|_, mesh| mesh.seen);
+}

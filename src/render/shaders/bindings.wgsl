@@ -1,0 +1,22 @@
+#define_import_path bevy_tessera::bindings
+
+#import bevy_tessera::types::{TerrainView, TerrainNode, TerrainVertex, TerrainDrawArgs}
+
+// Group 0: what a view's mesh is made from.
+@group(0) @binding(0) var<uniform> terrain_view: TerrainView;
+@group(0) @binding(1) var<storage, read> nodes: array<TerrainNode>;
+@group(0) @binding(2) var<storage, read> page_table: array<u32>;
+@group(0) @binding(3) var<storage, read> residency_field: array<u32>;
+@group(0) @binding(4) var height_pages: texture_2d_array<u32>;
+
+// Group 1: what the passes hand on; each pass binds the part that it uses.
+@group(1) @binding(0) var<storage, read_write> classified_factors: array<vec4<u32>>;
+@group(1) @binding(0) var<storage, read> face_factors: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read_write> classified_totals: array<vec2<u32>>;
+@group(1) @binding(1) var<storage, read> node_totals: array<vec2<u32>>;
+@group(1) @binding(2) var<storage, read_write> setup_offsets: array<vec2<u32>>;
+@group(1) @binding(2) var<storage, read> node_offsets: array<vec2<u32>>;
+@group(1) @binding(3) var<storage, read_write> setup_args: TerrainDrawArgs;
+@group(1) @binding(3) var<storage, read> draw_args: TerrainDrawArgs;
+@group(1) @binding(4) var<storage, read_write> mesh_vertices: array<TerrainVertex>;
+@group(1) @binding(5) var<storage, read_write> mesh_indices: array<u32>;

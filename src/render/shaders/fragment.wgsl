@@ -1,0 +1,123 @@
+// The end of every terrain material: appended to the WGSL that defines `terrain_material`.
+
+#import bevy_tessera::surface::{terrain_draw, terrain_normal}
+#import bevy_tessera::vertex_io::TerrainVertexOutput
+#import bevy_pbr::{
+    mesh_types::MESH_FLAGS_SHADOW_RECEIVER_BIT,
+    mesh_view_bindings::view,
+    pbr_functions::calculate_view,
+    pbr_types::{pbr_input_new, STANDARD_MATERIAL_FLAGS_FOG_ENABLED_BIT},
+}
+#ifdef PREPASS_PIPELINE
+#ifdef DEFERRED_PREPASS
+#import bevy_pbr::pbr_deferred_functions::deferred_gbuffer_from_pbr_input
+#endif
+#ifdef MOTION_VECTOR_PREPASS
+#import bevy_pbr::pbr_prepass_functions::calculate_motion_vector
+#endif
+#else
+#import bevy_pbr::pbr_functions::{apply_pbr_lighting, main_pass_post_lighting_processing}
+#import bevy_pbr::pbr_types::STANDARD_MATERIAL_FLAGS_UNLIT_BIT
+#ifdef SCREEN_SPACE_AMBIENT_OCCLUSION
+#import bevy_pbr::mesh_view_bindings::screen_space_ambient_occlusion_texture
+#import bevy_pbr::ssao_utils::ssao_multibounce
+#import bevy_pbr::lighting::perceptualRoughnessToRoughness
+#endif
+#endif
+
+fn terrain_pbr_input(in: TerrainVertexOutput) -> PbrInput {
+    var surface: TerrainSurface;
+    let local_normal = terrain_normal(in.plane_from_eye_m, in.lambda);
+    surface.world_position = in.world_position;
+    let plane = terrain_draw.eye_local_m + in.plane_from_eye_m;
+    surface.local_position = vec3(plane.x, in.height_m, plane.y);
+    surface.height_m = in.height_m;
+    surface.slope = 1.0 - local_normal.y;
+    surface.normal = normalize((terrain_draw.world_from_eye * vec4(local_normal, 0.0)).xyz);
+    surface.frag_coord = in.position;
+
+    var pbr = pbr_input_new();
+    pbr.flags = MESH_FLAGS_SHADOW_RECEIVER_BIT;
+    pbr.material.flags |= STANDARD_MATERIAL_FLAGS_FOG_ENABLED_BIT;
+    pbr.frag_coord = in.position;
+    pbr.world_position = vec4(in.world_position, 1.0);
+    pbr.world_normal = surface.normal;
+    pbr.N = surface.normal;
+    pbr.clearcoat_N = surface.normal;
+    pbr.is_orthographic = view.clip_from_view[3].w == 1.0;
+    pbr.V = calculate_view(pbr.world_position, pbr.is_orthographic);
+    return terrain_material(surface, pbr);
+}
+
+#ifdef PREPASS_PIPELINE
+
+struct TerrainPrepassOutput {
+#ifdef NORMAL_PREPASS
+    @location(0) normal: vec4<f32>,
+#endif
+#ifdef MOTION_VECTOR_PREPASS
+    @location(1) motion_vector: vec2<f32>,
+#endif
+#ifdef DEFERRED_PREPASS
+    @location(2) deferred: vec4<u32>,
+    @location(3) deferred_lighting_pass_id: u32,
+#endif
+#ifdef UNCLIPPED_DEPTH_ORTHO_EMULATION
+    @builtin(frag_depth) frag_depth: f32,
+#endif
+}
+
+#ifdef PREPASS_FRAGMENT
+@fragment
+fn fragment(in: TerrainVertexOutput) -> TerrainPrepassOutput {
+    var out: TerrainPrepassOutput;
+#ifdef TERRAIN_READS_MATERIAL
+    let pbr = terrain_pbr_input(in);
+#ifdef NORMAL_PREPASS
+    out.normal = vec4(pbr.N * 0.5 + vec3(0.5), 1.0);
+#endif
+#ifdef DEFERRED_PREPASS
+    out.deferred = deferred_gbuffer_from_pbr_input(pbr);
+    out.deferred_lighting_pass_id = pbr.material.deferred_lighting_pass_id;
+#endif
+#endif
+#ifdef MOTION_VECTOR_PREPASS
+    out.motion_vector = calculate_motion_vector(
+        vec4(in.world_position, 1.0),
+        vec4(in.previous_world_position, 1.0),
+    );
+#endif
+#ifdef UNCLIPPED_DEPTH_ORTHO_EMULATION
+    out.frag_depth = in.unclipped_depth;
+#endif
+    return out;
+}
+#endif
+
+#else
+
+@fragment
+fn fragment(in: TerrainVertexOutput) -> @location(0) vec4<f32> {
+    var pbr = terrain_pbr_input(in);
+    var color = pbr.material.base_color;
+    if (pbr.material.flags & STANDARD_MATERIAL_FLAGS_UNLIT_BIT) == 0u {
+#ifdef SCREEN_SPACE_AMBIENT_OCCLUSION
+        let ssao = textureLoad(
+            screen_space_ambient_occlusion_texture,
+            vec2<i32>(in.position.xy),
+            0i,
+        ).r;
+        let bounced = ssao_multibounce(ssao, pbr.material.base_color.rgb);
+        pbr.diffuse_occlusion = min(pbr.diffuse_occlusion, bounced);
+        // Lagarde and de Rousiers 2014, specular occlusion from ambient occlusion.
+        let n_dot_v = max(dot(pbr.N, pbr.V), 0.0001);
+        let roughness = perceptualRoughnessToRoughness(pbr.material.perceptual_roughness);
+        pbr.specular_occlusion =
+            saturate(pow(n_dot_v + ssao, exp2(-16.0 * roughness - 1.0)) - 1.0 + ssao);
+#endif
+        color = apply_pbr_lighting(pbr);
+    }
+    return main_pass_post_lighting_processing(pbr, color);
+}
+
+#endif

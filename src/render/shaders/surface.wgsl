@@ -1,0 +1,80 @@
+#define_import_path bevy_tessera::surface
+
+// What a fragment knows of the ground, and where it comes from. A game's own material receives
+// `TerrainSurface`; see `material.wgsl` for the default one.
+
+#import bevy_tessera::types::{TerrainDraw, TILE_BORDER, TILE_STORED, TILE_SAMPLES, PAGES_ACROSS, NO_PAGE}
+
+@group(2) @binding(0) var<uniform> terrain_draw: TerrainDraw;
+@group(2) @binding(1) var<storage, read> surface_page_table: array<u32>;
+@group(2) @binding(2) var gradient_pages: texture_2d_array<f32>;
+@group(2) @binding(3) var gradient_sampler: sampler;
+
+// Eight numbers of four that a material may be given from Rust, `TerrainMaterial::parameters`.
+@group(3) @binding(0) var<uniform> material_parameters: array<vec4<f32>, 8>;
+
+struct TerrainSurface {
+    // World position, metres.
+    world_position: vec3<f32>,
+    // Position in the terrain: metres from its first sample, and above its origin.
+    local_position: vec3<f32>,
+    // Height above the terrain's origin, metres.
+    height_m: f32,
+    // 0 where the ground is level, 1 where it is vertical: one minus the normal's upward part.
+    slope: f32,
+    // World normal, one long, filtered from the heights for this pixel.
+    normal: vec3<f32>,
+    // The pixel, as in the fragment's @builtin(position).
+    frag_coord: vec4<f32>,
+}
+
+// Gradient of the height at a place counted in samples of level 0, read from one level or, where
+// that isn't resident, the next that is. x, y: rise per metre; z: 1.
+fn level_gradient(sample_place: vec2<f32>, wanted: i32) -> vec2<f32> {
+    var level = wanted;
+    var page = NO_PAGE;
+    var texel = vec2(0.0);
+    loop {
+        let level_tiles = terrain_draw.tiles[level];
+        let place = sample_place / f32(1u << u32(level));
+        let tile = clamp(
+            vec2<i32>(floor(place / f32(TILE_SAMPLES))),
+            vec2(0),
+            vec2<i32>(level_tiles.yz) - 1,
+        );
+        page = surface_page_table[level_tiles.x + u32(tile.y) * level_tiles.y + u32(tile.x)];
+        texel = place - vec2<f32>(tile * TILE_SAMPLES) + f32(TILE_BORDER) + 0.5;
+        if page != NO_PAGE || level >= terrain_draw.root_level {
+            break;
+        }
+        level++;
+    }
+    if page == NO_PAGE {
+        return vec2(0.0);
+    }
+    // The samples that a page can be asked for, whatever float arithmetic made of the place.
+    texel = clamp(texel, vec2(1.5), vec2(f32(TILE_STORED) - 1.5));
+    let origin = vec2(page % PAGES_ACROSS, (page / PAGES_ACROSS) % PAGES_ACROSS);
+    let uv = (vec2<f32>(origin) * f32(TILE_STORED) + texel)
+        / f32(i32(PAGES_ACROSS) * TILE_STORED);
+    let layer = page / (PAGES_ACROSS * PAGES_ACROSS);
+    return textureSampleLevel(gradient_pages, gradient_sampler, uv, layer, 0.0).rg;
+}
+
+// Normal in the terrain's own frame, blended over two levels like the heights.
+fn terrain_normal(plane_from_eye_m: vec2<f32>, lambda: f32) -> vec3<f32> {
+    let sample_place = vec2<f32>(terrain_draw.eye_sample)
+        + (terrain_draw.eye_sample_fraction + plane_from_eye_m / terrain_draw.spacing_m);
+    let clamped = clamp(lambda, 0.0, f32(terrain_draw.root_level));
+    let level = i32(floor(clamped));
+    let blend = clamped - f32(level);
+    var gradient = level_gradient(sample_place, level);
+    if blend > 0.0 {
+        gradient = mix(
+            gradient,
+            level_gradient(sample_place, min(level + 1, terrain_draw.root_level)),
+            blend,
+        );
+    }
+    return normalize(vec3(-gradient.x, 1.0, -gradient.y));
+}

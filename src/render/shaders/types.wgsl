@@ -1,0 +1,109 @@
+#define_import_path bevy_tessera::types
+
+// Structs that Rust fills or reads; each has its pair in `gpu_types.rs` and a layout test.
+
+// One in the 16.16 fixed point of morphs, levels of detail and edge parameters.
+const ONE: i32 = 65536;
+// An edge factor of 1.
+const FACTOR_LOG2: u32 = 10u;
+const FACTOR_ONE: u32 = 1024u;
+const FACTOR_MAX: u32 = 65536u;
+// Scales that a view's factors can be brought down by.
+const FACTOR_SCALES: u32 = 7u;
+// Levels that a view can hold.
+const MAX_LEVELS: u32 = 24u;
+// Samples along a tile's side, its border before them, and its stored side.
+const TILE_SAMPLES: i32 = 128;
+const TILE_BORDER: i32 = 2;
+const TILE_STORED: i32 = 133;
+// Pages along the side of an atlas layer.
+const PAGES_ACROSS: u32 = 8u;
+// No page: the tile isn't resident.
+const NO_PAGE: u32 = 0xffffffffu;
+
+const PARTITIONING_FRACTIONAL_ODD: u32 = 0u;
+const PARTITIONING_INTEGER: u32 = 1u;
+const PARTITIONING_POWER_OF_TWO: u32 = 2u;
+
+// Everything that a view's mesh follows from.
+struct TerrainView {
+    eye: vec2<i32>,
+    extent: vec2<i32>,
+    eye_fraction: vec2<f32>,
+    eye_height_m: f32,
+    unit_m: f32,
+    distance_floor: i32,
+    planar: u32,
+    unit_log2: u32,
+    faces_log2: u32,
+    leaf_level: i32,
+    root_level: i32,
+    partitioning: u32,
+    node_count: u32,
+    segments_per_radian: f32,
+    segments_per_m: f32,
+    min_triangle_m: f32,
+    max_factor: f32,
+    height_min_m: f32,
+    height_step_m: f32,
+    field_cell_log2: u32,
+    max_vertices: u32,
+    field_cells: vec2<u32>,
+    max_triangles: u32,
+    unused: u32,
+    // x: where the level begins to morph; y: its zone's length as a power of two.
+    geometry: array<vec4<i32>, 24>,
+    // x: the level's first entry in the page table; y, z: tiles across and down.
+    tiles: array<vec4<u32>, 24>,
+}
+
+// How a view's mesh comes to stand in the world.
+struct TerrainDraw {
+    // From metres relative to the eye that the mesh was made for.
+    world_from_eye: mat4x4<f32>,
+    previous_world_from_eye: mat4x4<f32>,
+    // That eye: lattice point, fraction of a unit.
+    eye_point: vec2<i32>,
+    eye_fraction: vec2<f32>,
+    // Its sample at level 0, whole and fraction.
+    eye_sample: vec2<i32>,
+    eye_sample_fraction: vec2<f32>,
+    // Metres from the terrain's corner to it.
+    eye_local_m: vec2<f32>,
+    eye_height_m: f32,
+    unit_m: f32,
+    spacing_m: f32,
+    root_level: i32,
+    unused: vec2<u32>,
+    // x: the level's first entry in the page table; y, z: tiles across and down.
+    tiles: array<vec4<u32>, 24>,
+}
+
+struct TerrainNode {
+    origin: vec2<i32>,
+    level: i32,
+    unused: i32,
+}
+
+struct TerrainVertex {
+    point: vec2<i32>,
+    height_m: f32,
+    lambda: i32,
+}
+
+// Arguments of the indirect draw, then what became of the view.
+struct TerrainDrawArgs {
+    index_count: u32,
+    instance_count: u32,
+    first_index: u32,
+    base_vertex: i32,
+    first_instance: u32,
+    // Power of two by which all factors were brought down.
+    scale: u32,
+    vertices: u32,
+    triangles: u32,
+    // What would have been drawn with room enough.
+    wanted_vertices: u32,
+    wanted_triangles: u32,
+    unused: vec2<u32>,
+}

@@ -1,0 +1,192 @@
+//! The component that makes a camera see terrains.
+
+use crate::lattice::{LatticeError, LodSettings};
+use crate::tessellate::Partitioning;
+use crate::view::TerrainViews;
+use bevy::prelude::*;
+use thiserror::Error;
+
+/// Makes a camera see terrains, and terrains stream around it.
+///
+/// Any number of cameras may have one, each with its own settings. An entity that is no camera
+/// may have one too: terrains then stream around it as around a perspective camera, which is how
+/// a server keeps the ground under its players resident. Such an app needs Bevy's
+/// `TransformPlugin`. A camera that is not active counts for nothing.
+///
+/// An orthographic camera sees the whole terrain at one level of detail: the one that Bevy's
+/// default perspective camera (45° high) would see at the distance at which its pixels have the
+/// same size.
+#[derive(Component, Clone, Debug, PartialEq, Reflect)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
+#[require(Transform, TerrainViews)]
+pub struct TerrainCamera {
+    /// How far each level of detail reaches. Memory and triangles grow with the square of the
+    /// reach.
+    pub lod: LodSettings,
+    /// Wanted length of a triangle's edge on the screen where the ground is roughest, in pixels,
+    /// 1 to 256. Triangles grow with the inverse square of it.
+    pub triangle_width_px: f32,
+    /// The most segments that an edge of a control face is cut into, 1 to 64. With 1 nothing is
+    /// tessellated.
+    pub max_factor: f32,
+    /// Edges are not cut shorter than this, in metres along the ground, above 0. `None` stands
+    /// for the spacing of the finest samples, beyond which there is nothing to be seen.
+    pub min_triangle_m: Option<f32>,
+    /// How real factors become whole segments.
+    pub partitioning: Partitioning,
+    /// The most vertices that this camera's view may have, 1024 to 2²⁴. Where it wants more, all
+    /// factors of the view are lowered together until they fit. A vertex takes 32 bytes of GPU
+    /// memory or less.
+    pub max_vertices: u32,
+}
+
+impl Default for TerrainCamera {
+    fn default() -> Self {
+        Self {
+            lod: LodSettings::default(),
+            triangle_width_px: 8.0,
+            max_factor: 64.0,
+            min_triangle_m: None,
+            partitioning: Partitioning::default(),
+            max_vertices: 1 << 20,
+        }
+    }
+}
+
+/// What is wrong with a [`TerrainCamera`].
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum TerrainCameraError {
+    /// The level-of-detail settings would tear the mesh or are out of range.
+    #[error("TerrainCamera::lod can't be used: {0}")]
+    Lod(#[from] LatticeError),
+    /// A number is out of its range.
+    #[error("TerrainCamera::{name} is {value}: use a number from {least} to {most}")]
+    Number {
+        /// The field.
+        name: &'static str,
+        /// Its value.
+        value: f32,
+        /// The least that it may be.
+        least: f32,
+        /// The most that it may be.
+        most: f32,
+    },
+}
+
+impl TerrainCamera {
+    /// These settings with every value that can't be used replaced by its default, each of which
+    /// is given to `refused`. The systems work with the result, never with the raw values.
+    #[must_use]
+    pub fn checked(&self, mut refused: impl FnMut(TerrainCameraError)) -> Self {
+        let default = Self::default();
+        let mut number = |name, value: f32, range: (f32, f32), default: f32| {
+            // Not a number is in no range.
+            if (range.0..=range.1).contains(&value) {
+                return value;
+            }
+            let (least, most) = range;
+            refused(TerrainCameraError::Number {
+                name,
+                value,
+                least,
+                most,
+            });
+            default
+        };
+        let triangle_width_px = number(
+            "triangle_width_px",
+            self.triangle_width_px,
+            (1.0, 256.0),
+            default.triangle_width_px,
+        );
+        let max_factor = number(
+            "max_factor",
+            self.max_factor,
+            (1.0, 64.0),
+            default.max_factor,
+        );
+        let min_triangle_m = self.min_triangle_m.and_then(|metres| {
+            let checked = number(
+                "min_triangle_m",
+                metres,
+                (f32::MIN_POSITIVE, f32::MAX),
+                -1.0,
+            );
+            (checked > 0.0).then_some(checked)
+        });
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "only for the message and the range, whose ends are exact"
+        )]
+        let vertices = number(
+            "max_vertices",
+            self.max_vertices as f32,
+            (1024.0, 16_777_216.0),
+            -1.0,
+        );
+        let max_vertices = if vertices < 0.0 {
+            default.max_vertices
+        } else {
+            self.max_vertices
+        };
+        let lod = match self.lod.validate() {
+            Ok(()) => self.lod,
+            Err(error) => {
+                refused(error.into());
+                default.lod
+            }
+        };
+        Self {
+            lod,
+            triangle_width_px,
+            max_factor,
+            min_triangle_m,
+            partitioning: self.partitioning,
+            max_vertices,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bad_numbers_are_named_and_replaced() {
+        let camera = TerrainCamera {
+            lod: LodSettings {
+                reach: 2.0,
+                morph: 1.0,
+            },
+            triangle_width_px: f32::NAN,
+            max_factor: 65.0,
+            min_triangle_m: Some(0.0),
+            max_vertices: 0,
+            ..default()
+        };
+        let mut errors = Vec::new();
+        let checked = camera.checked(|error| errors.push(error.to_string()));
+        assert_eq!(checked, TerrainCamera::default());
+        let named = [
+            "triangle_width_px",
+            "max_factor",
+            "min_triangle_m",
+            "max_vertices",
+            "lod",
+        ];
+        assert_eq!(errors.len(), named.len());
+        for name in named {
+            assert!(
+                errors.iter().any(|error| error.contains(name)),
+                "{name}: {errors:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_defaults_are_fine() {
+        let checked = TerrainCamera::default().checked(|error| panic!("{error}"));
+        assert_eq!(checked, TerrainCamera::default());
+    }
+}

@@ -1,0 +1,29 @@
+//! The terrain itself: its manifest and, in a Bevy world, its component and settings.
+
+#[cfg(feature = "ecs")]
+mod camera;
+#[cfg(feature = "ecs")]
+mod component;
+#[cfg(feature = "ecs")]
+mod events;
+#[cfg(feature = "ecs")]
+mod loader;
+mod manifest;
+#[cfg(feature = "ecs")]
+mod plugin;
+
+#[cfg(feature = "ecs")]
+pub use camera::{TerrainCamera, TerrainCameraError};
+#[cfg(feature = "ecs")]
+pub use component::{Terrain, TerrainSettings, TerrainSettingsError};
+#[cfg(feature = "ecs")]
+pub use events::{TerrainFailed, TerrainReady, TileEvicted, TileFailed, TileLoaded};
+#[cfg(feature = "ecs")]
+pub use loader::{ManifestLoadError, TerrainManifestLoader};
+pub(crate) use manifest::check_size;
+pub use manifest::{
+    DensityFilter, DensitySettings, INDEX_FILE, MANIFEST_FILE, MANIFEST_MAGIC, MANIFEST_VERSION,
+    MAX_LEAF_TILES, MAX_LEVELS, MAX_SIZE, MIN_SIZE, ManifestError, ManifestFile, TerrainManifest,
+};
+#[cfg(feature = "ecs")]
+pub use plugin::{TerrainPlugin, TerrainSystems};

@@ -1,0 +1,80 @@
+//! How finely an edge is cut: the projected size of the sphere around it.
+
+use super::{FACTOR_MAX, FACTOR_ONE};
+use glam::{IVec2, Vec2, Vec3};
+
+/// One end of an edge: its lattice point and the displaced height there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EdgeEnd {
+    /// Lattice point.
+    pub point: IVec2,
+    /// Height in metres above the terrain's origin, read at the end's own level of detail.
+    pub height_m: f32,
+}
+
+/// What edge factors follow from, besides the edge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FactorView {
+    /// The eye's lattice point.
+    pub eye: IVec2,
+    /// The eye's fraction of a lattice unit, 0..1.
+    pub eye_fraction: Vec2,
+    /// The eye's height in metres above the terrain's origin.
+    pub eye_height_m: f32,
+    /// Metres per lattice unit.
+    pub unit_m: f32,
+    /// Segments that an edge of a metre gets at a metre's distance: the focal length in pixels
+    /// over the wanted triangle width in pixels.
+    pub segments_per_radian: f32,
+    /// Segments a metre whatever the distance, for orthographic views; 0 in perspective.
+    pub segments_per_m: f32,
+    /// No edge is cut into segments shorter than this on the ground, in metres.
+    pub min_triangle_m: f32,
+    /// The largest factor, at most 64.
+    pub max_factor: f32,
+}
+
+impl FactorView {
+    /// The factor of the edge between `a` and `b`, in fixed point ([`FACTOR_ONE`]).
+    ///
+    /// The diameter of the sphere around the displaced edge, projected, over the triangle width
+    /// (Cantlay 2011, figure 7: a projected edge would vanish at grazing views, a sphere doesn't).
+    /// Depends on the two ends alone, in canonical order. This is the one place where a float
+    /// decides topology, and it is rounded to fixed point here.
+    #[must_use]
+    pub fn edge_factor(&self, a: EdgeEnd, b: EdgeEnd) -> u32 {
+        let (a, b) = if (a.point.x, a.point.y) <= (b.point.x, b.point.y) {
+            (a, b)
+        } else {
+            (b, a)
+        };
+        let span = (b.point - a.point).as_vec2() * self.unit_m;
+        let length_m = span.length();
+        let diameter_m = (span.length_squared() + (b.height_m - a.height_m).powi(2)).sqrt();
+        // Twice the middle, so that no half unit is lost before it is made relative to the eye.
+        let from_eye = (a.point - self.eye) + (b.point - self.eye);
+        let plane_m = (from_eye.as_vec2() * 0.5 - self.eye_fraction) * self.unit_m;
+        let height_m = 0.5 * (a.height_m + b.height_m) - self.eye_height_m;
+        let distance_m = Vec3::new(plane_m.x, height_m, plane_m.y)
+            .length()
+            // Inside the sphere the projection has no meaning; it is as large as can be.
+            .max(0.5 * diameter_m);
+        let projected = if distance_m > 0.0 {
+            diameter_m * self.segments_per_radian / distance_m
+        } else {
+            0.0
+        };
+        let wanted = projected + diameter_m * self.segments_per_m;
+        let factor = wanted
+            .min(length_m / self.min_triangle_m)
+            .min(self.max_factor)
+            .max(1.0);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "1..=64, and saturates"
+        )]
+        let fixed = (factor * FACTOR_ONE as f32 + 0.5) as u32;
+        fixed.clamp(FACTOR_ONE, FACTOR_MAX)
+    }
+}

@@ -1,0 +1,79 @@
+//! The one height function: tiles blended over two levels.
+
+use crate::lattice::{Lattice, ONE};
+use crate::tile::{HeightTile, TILE_SAMPLES, TileAddress};
+use glam::IVec2;
+
+/// Where stored heights come from: the twin of the GPU's pages.
+pub trait HeightSource {
+    /// The stored height of a tile at a sample counted from its first own one, `-2..=130`; `None`
+    /// where the tile isn't there.
+    fn sample(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16>;
+}
+
+/// Tiles by address.
+#[derive(Default)]
+pub struct HeightPages {
+    /// The tiles that are there.
+    pub tiles: std::collections::HashMap<TileAddress, std::sync::Arc<HeightTile>>,
+}
+
+impl HeightSource for HeightPages {
+    fn sample(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16> {
+        self.tiles.get(&tile).map(|tile| tile.get(x, z))
+    }
+}
+
+/// The tile of `level` that holds lattice point `p`, given the tiles a side; the terrain's last
+/// point belongs to the last tile.
+#[must_use]
+pub fn tile_at(lattice: &Lattice, p: IVec2, level: u32) -> TileAddress {
+    let log2 = lattice.node_log2(level.cast_signed());
+    let last = (lattice.extent - 1).max(IVec2::ZERO) >> IVec2::splat(log2.cast_signed());
+    let tile = (p >> IVec2::splat(log2.cast_signed())).clamp(IVec2::ZERO, last);
+    #[expect(clippy::cast_possible_truncation, reason = "levels are below 24")]
+    TileAddress::new(level as u8, tile.x.cast_unsigned(), tile.y.cast_unsigned())
+}
+
+/// Stored height at `p` read from one level, bilinear between samples.
+pub fn level_height(
+    source: &impl HeightSource,
+    lattice: &Lattice,
+    p: IVec2,
+    level: u32,
+) -> Option<f32> {
+    let tile = tile_at(lattice, p, level);
+    let shift = lattice.unit_log2 + level;
+    let sample = p >> IVec2::splat(shift.cast_signed());
+    let rest = p - (sample << IVec2::splat(shift.cast_signed()));
+    let weight = rest.as_vec2() / (1_u32 << shift) as f32;
+    let first = IVec2::new(
+        (tile.x * TILE_SAMPLES).cast_signed(),
+        (tile.z * TILE_SAMPLES).cast_signed(),
+    );
+    let local = sample - first;
+    let at = |dx: i32, dz: i32| source.sample(tile, local.x + dx, local.y + dz).map(f32::from);
+    let (h00, h10, h01, h11) = (at(0, 0)?, at(1, 0)?, at(0, 1)?, at(1, 1)?);
+    let near = h00 + (h10 - h00) * weight.x;
+    let far = h01 + (h11 - h01) * weight.x;
+    Some(near + (far - near) * weight.y)
+}
+
+/// Stored height at `p` read at level of detail `lambda` (16.16): level `⌊λ⌋` blended with the
+/// next. `None` where a tile isn't there; `λ` from
+/// [`ViewLod::lambda`](crate::lattice::ViewLod::lambda) never asks for such a one.
+pub fn height(
+    source: &impl HeightSource,
+    lattice: &Lattice,
+    p: IVec2,
+    lambda: i32,
+) -> Option<f32> {
+    let level = (lambda >> 16).cast_unsigned();
+    let blend = (lambda & (ONE - 1)) as f32 / ONE as f32;
+    let fine = level_height(source, lattice, p, level)?;
+    if blend == 0.0 {
+        return Some(fine);
+    }
+    let coarse = level_height(source, lattice, p, level + 1)?;
+    Some(fine + (coarse - fine) * blend)
+}

@@ -1,0 +1,162 @@
+//! A whole view's mesh on the CPU.
+
+use super::height::height;
+use super::{
+    EdgeEnd, FACTOR_SCALES, Face, FactorView, HeightSource, Partitioning, scaled_factor,
+};
+use crate::lattice::{Lattice, Node, ResidencyField, ViewLod};
+use glam::IVec2;
+
+/// A vertex as the passes write it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TerrainVertex {
+    /// Lattice point.
+    pub point: IVec2,
+    /// Height in metres above the terrain's origin.
+    pub height_m: f32,
+    /// Level of detail that the height was read at, 16.16.
+    pub lambda: i32,
+}
+
+/// A view's vertices and triangles, in the order that the passes write them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TerrainMesh {
+    /// Vertices, face by face.
+    pub vertices: Vec<TerrainVertex>,
+    /// Triangles, counter-clockwise seen from above.
+    pub triangles: Vec<[u32; 3]>,
+    /// The four factors of every face before scaling, node by node.
+    pub factors: Vec<[u32; 4]>,
+    /// Power of two by which all factors were brought down to fit the budget.
+    pub scale: u32,
+}
+
+/// Everything that a view's mesh follows from.
+pub struct ViewMesh<'a, S: HeightSource> {
+    /// The terrain's grid.
+    pub lattice: &'a Lattice,
+    /// The view's level of detail.
+    pub lod: &'a ViewLod,
+    /// What is resident.
+    pub field: &'a ResidencyField,
+    /// What factors follow from.
+    pub factor_view: &'a FactorView,
+    /// How factors become segments.
+    pub partitioning: Partitioning,
+    /// Stored heights.
+    pub heights: &'a S,
+    /// Metres of a stored 0.
+    pub height_min_m: f32,
+    /// Metres a stored unit.
+    pub height_step_m: f32,
+    /// Vertices that there is room for.
+    pub max_vertices: u32,
+    /// Triangles that there is room for.
+    pub max_triangles: u32,
+}
+
+impl<S: HeightSource> ViewMesh<'_, S> {
+    /// Height in metres and level of detail at `p`, as a node of `level` reads them.
+    ///
+    /// # Panics
+    /// Where the residency field promises a tile that `heights` doesn't hold.
+    #[must_use]
+    pub fn displaced(&self, p: IVec2, level: i32) -> (f32, i32) {
+        let lambda = self.lod.lambda(self.lattice, self.field, p, level);
+        let stored = height(self.heights, self.lattice, p, lambda)
+            .expect("the residency field never promises a tile that isn't there");
+        (self.height_min_m + stored * self.height_step_m, lambda)
+    }
+
+    /// The corners of face `face` of `node`, around it.
+    #[must_use]
+    pub fn corners(&self, node: &Node, face: u32) -> [IVec2; 4] {
+        let side = 1 << self.lattice.faces_log2;
+        let ij = IVec2::new(face.cast_signed() % side, face.cast_signed() / side);
+        [IVec2::ZERO, IVec2::X, IVec2::ONE, IVec2::Y]
+            .map(|corner| self.lattice.control_vertex(self.lod, node.level, node.origin, ij + corner))
+    }
+
+    /// `classify`: the factors of the edges of a face with `corners`.
+    #[must_use]
+    pub fn classify(&self, node: &Node, corners: &[IVec2; 4]) -> [u32; 4] {
+        let ends = corners.map(|point| EdgeEnd {
+            point,
+            height_m: self.displaced(point, node.level).0,
+        });
+        std::array::from_fn(|e| self.factor_view.edge_factor(ends[e], ends[(e + 1) % 4]))
+    }
+
+    /// Runs all passes over `nodes`: classify, setup, vertices, indices.
+    #[must_use]
+    pub fn build(&self, nodes: &[Node]) -> TerrainMesh {
+        let faces_a_node = 1 << (2 * self.lattice.faces_log2);
+        let faces: Vec<(Node, [IVec2; 4])> = nodes
+            .iter()
+            .flat_map(|node| (0..faces_a_node).map(|face| (*node, self.corners(node, face))))
+            .collect();
+        let factors: Vec<[u32; 4]> = faces
+            .iter()
+            .map(|(node, corners)| self.classify(node, corners))
+            .collect();
+        self.build_with(&faces, factors)
+    }
+
+    /// Setup, vertices and indices for given factors: what tests hand the GPU's factors to.
+    #[must_use]
+    pub fn build_with(&self, faces: &[(Node, [IVec2; 4])], factors: Vec<[u32; 4]>) -> TerrainMesh {
+        let scale = self.setup(faces, &factors);
+        let mut mesh = TerrainMesh {
+            scale,
+            ..Default::default()
+        };
+        for ((node, corners), factors) in faces.iter().zip(&factors) {
+            let face = self.face(corners, factors, scale);
+            let counts = face.counts();
+            #[expect(clippy::cast_possible_truncation, reason = "bounded by max_vertices")]
+            let first = mesh.vertices.len() as u32;
+            for index in 0..counts.vertices() {
+                let point = face.vertex(&counts, index);
+                let (height_m, lambda) = self.displaced(point, node.level);
+                mesh.vertices.push(TerrainVertex {
+                    point,
+                    height_m,
+                    lambda,
+                });
+            }
+            for index in 0..counts.triangles() {
+                let triangle = face.triangle(&counts, index);
+                mesh.triangles.push(triangle.map(|vertex| first + vertex));
+            }
+        }
+        mesh.factors = factors;
+        mesh
+    }
+
+    /// `setup`: the least scale at which everything fits. The whole view shares it, because edges
+    /// must go on agreeing.
+    #[must_use]
+    pub fn setup(&self, faces: &[(Node, [IVec2; 4])], factors: &[[u32; 4]]) -> u32 {
+        let last = FACTOR_SCALES as u32 - 1;
+        (0..last)
+            .find(|&scale| {
+                let (mut vertices, mut triangles) = (0_u64, 0_u64);
+                for ((_, corners), factors) in faces.iter().zip(factors) {
+                    let counts = self.face(corners, factors, scale).counts();
+                    vertices += u64::from(counts.vertices());
+                    triangles += u64::from(counts.triangles());
+                }
+                vertices <= u64::from(self.max_vertices)
+                    && triangles <= u64::from(self.max_triangles)
+            })
+            .unwrap_or(last)
+    }
+
+    fn face(&self, corners: &[IVec2; 4], factors: &[u32; 4], scale: u32) -> Face {
+        Face {
+            corners: *corners,
+            factors: factors.map(|factor| scaled_factor(factor, scale)),
+            partitioning: self.partitioning,
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! The compute passes' twin on the CPU: from nodes to faces, factors, vertices and triangles.
+//!
+//! Every function here stands operation for operation in WGSL too (`src/render/shaders`), and
+//! tests compare the two: integers for equality, heights within half a stored unit. It also
+//! serves where there is no GPU: collision meshes, export, servers.
+//!
+//! A *face* is a square of a node's control grid. Its four edges get a factor each, from their
+//! end points alone; its inside is a grid as fine as the finer of two opposite edges, joined to
+//! the edges by strips. So two faces that share an edge cut it at the same lattice points,
+//! whatever their levels.
+
+mod face;
+mod factor;
+mod height;
+mod mesh;
+mod partition;
+
+pub use face::{Face, FaceCounts};
+pub use factor::{EdgeEnd, FactorView};
+pub use height::{HeightPages, HeightSource};
+pub use mesh::{TerrainMesh, TerrainVertex, ViewMesh};
+pub use partition::{
+    FACTOR_LOG2, FACTOR_MAX, FACTOR_ONE, Partitioning, scaled_factor, segment_count,
+    segment_parameter,
+};
+
+/// Scales that a view's factors can be brought down by, finest first: `1/2^0 ..= 1/2^6`. With
+/// the last, every factor is 1.
+pub const FACTOR_SCALES: usize = 7;

@@ -1,0 +1,82 @@
+//! Densities of one tile.
+
+use super::{DENSITY_BORDER, DENSITY_STORED, TileAddress, TileFormatError, TileKind, format};
+
+const SIDE: usize = DENSITY_STORED as usize;
+const BORDER: i32 = DENSITY_BORDER as i32;
+
+/// The densities of one tile with their border: 35 × 35 `u8`, row by row.
+///
+/// 0 stands for ground that needs no more triangles than its control faces have, 255 for ground
+/// that deserves all that the settings allow. Texel `(x, z)` covers the tile's samples
+/// `4 x ..= 4 x + 4` by `4 z ..= 4 z + 4`. Texels beyond the terrain repeat the edge.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "ecs", derive(bevy::asset::Asset, bevy::reflect::TypePath))]
+pub struct DensityTile {
+    texels: Box<[u8]>,
+}
+
+impl DensityTile {
+    /// A tile of 35 × 35 `texels` in row order, border included; `None` where there are more or
+    /// fewer.
+    #[must_use]
+    pub fn from_samples(texels: Box<[u8]>) -> Option<Self> {
+        (texels.len() == SIDE * SIDE).then_some(Self { texels })
+    }
+
+    /// All texels, row by row, border included.
+    #[must_use]
+    pub fn samples(&self) -> &[u8] {
+        &self.texels
+    }
+
+    /// All texels, to be changed; those that neighbours hold too must change there as well.
+    #[must_use]
+    pub fn samples_mut(&mut self) -> &mut [u8] {
+        &mut self.texels
+    }
+
+    /// The texel in column `x` and row `z`, counted from the tile's first own texel: own texels
+    /// are `0..=31`; -1, 32 and 33 are border.
+    ///
+    /// # Panics
+    /// Where `x` or `z` lies outside `-1..=33`.
+    #[must_use]
+    pub fn get(&self, x: i32, z: i32) -> u8 {
+        let side = SIDE as i32;
+        let (column, row) = (x + BORDER, z + BORDER);
+        assert!(
+            (0..side).contains(&column) && (0..side).contains(&row),
+            "a density tile has no texel ({x}, {z})"
+        );
+        self.texels[(row * side + column) as usize]
+    }
+
+    /// The bytes of this tile's file: 32 of header, then the texels.
+    #[must_use]
+    pub fn encode(&self, address: TileAddress) -> Vec<u8> {
+        let numbers = [u32::from(address.level), address.x, address.z];
+        let mut bytes = format::start(TileKind::Density, numbers, SIDE * SIDE);
+        bytes.extend_from_slice(&self.texels);
+        format::finish(bytes)
+    }
+
+    /// Reads what [`encode`](Self::encode) wrote.
+    ///
+    /// # Errors
+    /// Where the bytes are short, damaged, of another format or version, or another tile's than
+    /// `expected`.
+    pub fn decode(bytes: &[u8], expected: TileAddress) -> Result<Self, TileFormatError> {
+        let payload = format::open_tile(bytes, TileKind::Density, expected, SIDE * SIDE)?;
+        Ok(Self {
+            texels: payload.into(),
+        })
+    }
+
+    /// Where the tile lies in its terrain's folder.
+    #[must_use]
+    pub fn path(address: TileAddress) -> String {
+        let TileAddress { level, x, z } = address;
+        format!("density/{level}/{x}_{z}.density")
+    }
+}

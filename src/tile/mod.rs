@@ -1,0 +1,38 @@
+//! Tiles: the unit in which heights and densities are stored, streamed and edited.
+//!
+//! A tile covers [`TILE_SAMPLES`]² samples of one level and carries a border of its neighbours'
+//! samples, so that whoever holds one tile can filter, interpolate and tessellate inside it
+//! without asking for another. Neighbouring tiles hold identical border samples, bit for bit.
+
+mod address;
+mod density;
+mod format;
+mod height;
+mod index;
+#[cfg(feature = "ecs")]
+mod loader;
+
+pub use address::TileAddress;
+pub use density::DensityTile;
+pub use format::{TileFormatError, TileKind};
+pub use height::HeightTile;
+pub use index::{LevelIndex, TileIndex, TileRange};
+#[cfg(feature = "ecs")]
+pub use loader::{DensityTileLoader, HeightTileLoader, TileLoadError};
+
+/// Samples along a tile's side, borders not counted; also the distance in samples between the
+/// origins of two neighbouring tiles of a level.
+pub const TILE_SAMPLES: u32 = 128;
+/// Border samples before a tile's first own sample, in each direction.
+pub const TILE_BORDER: u32 = 2;
+/// Samples along a tile's stored side: 2 before, 128 own, 3 after (one of them closes the last
+/// quad, two are border).
+pub const TILE_STORED: u32 = TILE_SAMPLES + 2 * TILE_BORDER + 1;
+/// Samples along the side of one density texel.
+pub const DENSITY_CELL: u32 = 4;
+/// Density texels along a tile's side, borders not counted.
+pub const DENSITY_TEXELS: u32 = TILE_SAMPLES / DENSITY_CELL;
+/// Border texels before a density tile's first own texel.
+pub const DENSITY_BORDER: u32 = 1;
+/// Density texels along a stored side: 1 before, 32 own, 2 after.
+pub const DENSITY_STORED: u32 = DENSITY_TEXELS + 2 * DENSITY_BORDER + 1;

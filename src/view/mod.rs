@@ -1,0 +1,256 @@
+//! Where the eyes are: what each camera's level of detail on each terrain follows from.
+
+mod nearest_ground;
+
+pub use nearest_ground::GroundQuery;
+
+use crate::lattice::ViewLod;
+use crate::stream::TerrainState;
+use crate::terrain::{Terrain, TerrainCamera};
+use bevy::ecs::entity::EntityHashSet;
+use bevy::log::{error, warn};
+use bevy::math::{DAffine3, DMat3, DVec3};
+use bevy::prelude::*;
+
+/// A camera's view of one terrain, in this frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TerrainView {
+    /// The terrain.
+    pub terrain: Entity,
+    /// What the level of detail follows from; its `eye` is the lattice point at or before the eye.
+    pub lod: ViewLod,
+    /// From that lattice point to the eye, 0..1 lattice units in x and z.
+    pub eye_fraction: Vec2,
+    /// The eye's height above the terrain's origin, in metres.
+    pub eye_height_m: f32,
+    /// The eye in the terrain's own space, in metres.
+    pub eye_m: DVec3,
+    /// From the world to the terrain's own space.
+    pub local_from_world: DAffine3,
+    /// From the terrain's own space to the world.
+    pub world_from_local: DAffine3,
+    /// World units per metre of the terrain.
+    pub scale: f32,
+}
+
+/// A camera's views of all terrains, refilled every frame by
+/// [`TerrainSystems::View`](crate::terrain::TerrainSystems::View); empty while the camera is not
+/// active.
+#[derive(Component, Clone, Debug, Default, PartialEq)]
+pub struct TerrainViews {
+    /// One view for each terrain whose manifest has loaded.
+    pub views: Vec<TerrainView>,
+}
+
+impl TerrainViews {
+    /// The view of `terrain`.
+    #[must_use]
+    pub fn of(&self, terrain: Entity) -> Option<&TerrainView> {
+        self.views.iter().find(|view| view.terrain == terrain)
+    }
+}
+
+/// How far a terrain's axes may be from equally long and at right angles, relative to their
+/// length. Rounding in a chain of `f32` transforms stays well below.
+const SKEW_MAX: f64 = 1e-3;
+/// Half the height of what a camera sees at distance 1, with the field of view of Bevy's default
+/// perspective (45°): tan 22.5°.
+const DEFAULT_SLOPE: f64 = 0.414_213_562_373_095_03;
+
+/// What a terrain's transform is made of.
+struct Placement {
+    world_from_local: DAffine3,
+    local_from_world: DAffine3,
+    scale: f64,
+    /// Whether it is a rotation, a translation and a uniform positive scale.
+    is_rigid: bool,
+}
+
+impl Placement {
+    /// `None` where the transform can't be inverted.
+    fn new(transform: &GlobalTransform) -> Option<Self> {
+        let affine = transform.affine();
+        let axis = |axis: bevy::math::Vec3A| Vec3::from(axis).as_dvec3();
+        let matrix = DMat3::from_cols(
+            axis(affine.matrix3.x_axis),
+            axis(affine.matrix3.y_axis),
+            axis(affine.matrix3.z_axis),
+        );
+        let world_from_local = DAffine3 {
+            matrix3: matrix,
+            translation: axis(affine.translation),
+        };
+        let determinant = matrix.determinant();
+        let local_from_world = world_from_local.inverse();
+        if !world_from_local.is_finite() || !local_from_world.is_finite() || determinant == 0.0 {
+            return None;
+        }
+        let scale = determinant.abs().cbrt();
+        let gram = matrix.transpose() * matrix * (scale * scale).recip();
+        let skew = (gram - DMat3::IDENTITY)
+            .to_cols_array()
+            .into_iter()
+            .fold(0.0, |most: f64, entry| most.max(entry.abs()));
+        Some(Self {
+            world_from_local,
+            local_from_world,
+            scale,
+            is_rigid: determinant > 0.0 && skew <= SKEW_MAX,
+        })
+    }
+}
+
+/// The height in world units of what an orthographic projection shows; `None` for a perspective.
+#[cfg(feature = "render")]
+fn orthographic_height(projection: &Projection) -> Option<f64> {
+    let clip_from_view = projection.get_clip_from_view();
+    let is_parallel = clip_from_view.w_axis.w == 1.0;
+    is_parallel.then(|| (2.0 / f64::from(clip_from_view.y_axis.y)).abs())
+}
+
+#[cfg(feature = "render")]
+type CameraData = (
+    Entity,
+    Ref<'static, TerrainCamera>,
+    &'static GlobalTransform,
+    &'static mut TerrainViews,
+    Option<&'static Projection>,
+    Option<&'static Camera>,
+);
+#[cfg(not(feature = "render"))]
+type CameraData = (
+    Entity,
+    Ref<'static, TerrainCamera>,
+    &'static GlobalTransform,
+    &'static mut TerrainViews,
+);
+
+/// Computes every camera's view of every terrain.
+pub(crate) fn update_views(
+    mut cameras: Query<CameraData>,
+    terrains: Query<(Entity, &TerrainState, &GlobalTransform), With<Terrain>>,
+    mut warned: Local<EntityHashSet>,
+) {
+    if !warned.is_empty() {
+        warned.retain(|terrain| terrains.contains(*terrain));
+    }
+    for camera in &mut cameras {
+        #[cfg(feature = "render")]
+        let (entity, settings, transform, mut views, projection, camera) = camera;
+        #[cfg(not(feature = "render"))]
+        let (entity, settings, transform, mut views) = camera;
+        views.views.clear();
+        #[cfg(feature = "render")]
+        if camera.is_some_and(|camera| !camera.is_active) {
+            continue;
+        }
+        #[cfg(feature = "render")]
+        let parallel_height = projection.and_then(orthographic_height);
+        #[cfg(not(feature = "render"))]
+        let parallel_height = None;
+
+        let is_new = settings.is_changed();
+        let settings = settings.checked(|refused| {
+            if is_new {
+                error!("camera {entity}: {refused}; the default is used");
+            }
+        });
+        for (terrain, state, placement) in &terrains {
+            let placement = Placement::new(placement);
+            let is_rigid = placement
+                .as_ref()
+                .is_some_and(|placement| placement.is_rigid);
+            if !is_rigid && warned.insert(terrain) {
+                warn!(
+                    "terrain {terrain} has a Transform that is more than a rotation, a \
+                     translation and one positive scale: its level of detail will be off"
+                );
+            }
+            let eye = transform.translation().as_dvec3();
+            let view = placement.and_then(|placement| {
+                view_of(terrain, state, &placement, &settings, eye, parallel_height)
+            });
+            views.views.extend(view);
+        }
+    }
+}
+
+fn view_of(
+    terrain: Entity,
+    state: &TerrainState,
+    placement: &Placement,
+    settings: &TerrainCamera,
+    eye: DVec3,
+    parallel_height: Option<f64>,
+) -> Option<TerrainView> {
+    let eye_m = placement.local_from_world.transform_point3(eye);
+    if !eye_m.is_finite() {
+        return None;
+    }
+    let lattice = state.lattice();
+    let manifest = state.manifest();
+    let spacing_m = manifest.file.spacing_m;
+    let (eye, eye_fraction) = lattice.lattice_from_local(eye_m.xz(), spacing_m);
+    let ground = GroundQuery { lattice, manifest };
+    let (floor, planar) = match parallel_height {
+        None => (ground.distance(eye, eye_m.y), true),
+        Some(height) => {
+            let distance_m = height / (2.0 * DEFAULT_SLOPE * placement.scale);
+            (ground.units(distance_m), false)
+        }
+    };
+    let lod = ViewLod::new(lattice, &settings.lod, eye, floor, planar).ok()?;
+    Some(TerrainView {
+        terrain,
+        lod,
+        eye_fraction,
+        eye_height_m: eye_m.y as f32,
+        eye_m,
+        local_from_world: placement.local_from_world,
+        world_from_local: placement.world_from_local,
+        scale: placement.scale as f32,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_turned_and_scaled_terrain_is_rigid() {
+        let transform = Transform::from_xyz(1e4, -3.0, 2e4)
+            .with_rotation(Quat::from_euler(EulerRot::XYZ, 0.3, 1.0, -2.0))
+            .with_scale(Vec3::splat(2.5));
+        let placement = Placement::new(&transform.into()).expect("can be inverted");
+        assert!(placement.is_rigid);
+        assert!((placement.scale - 2.5).abs() < 1e-6);
+        let there = DVec3::new(1.0, 2.0, 3.0);
+        let world = placement.world_from_local.transform_point3(there);
+        let back = placement.local_from_world.transform_point3(world);
+        assert!((back - there).length() < 1e-9);
+    }
+
+    #[test]
+    fn other_transforms_are_told_apart() {
+        let scaled = |scale| Placement::new(&Transform::from_scale(scale).into());
+        assert!(scaled(Vec3::new(1.0, 2.0, 1.0)).is_some_and(|placement| !placement.is_rigid));
+        assert!(scaled(Vec3::new(-1.0, 1.0, 1.0)).is_some_and(|placement| !placement.is_rigid));
+        assert!(scaled(Vec3::ZERO).is_none());
+        assert!(scaled(Vec3::splat(f32::NAN)).is_none());
+    }
+
+    #[cfg(feature = "render")]
+    #[test]
+    fn a_parallel_projection_is_told_from_a_perspective() {
+        use bevy::camera::{OrthographicProjection, PerspectiveProjection};
+        let mut parallel = OrthographicProjection::default_3d();
+        parallel.area = Rect::new(-8.0, -6.0, 8.0, 6.0);
+        let height = orthographic_height(&Projection::Orthographic(parallel));
+        assert!(
+            height.is_some_and(|height| (height - 12.0).abs() < 1e-4),
+            "{height:?}"
+        );
+        let perspective = Projection::Perspective(PerspectiveProjection::default());
+        assert_eq!(orthographic_height(&perspective), None);
+    }
+}

@@ -1,0 +1,384 @@
+//! A bake that streams makes what a bake of the whole picture at once would make: every tile is
+//! a window of one function, parents cover their children, densities are never rounded down.
+
+mod bake_support;
+
+use bake_support::{addresses, bake_heights, densities, heights, landscape, manifest};
+use bevy_tessera::bake::BakeSettings;
+use bevy_tessera::bake::curvature::{mean_curvature, quantise_density};
+use bevy_tessera::terrain::{DensitySettings, ManifestFile};
+use bevy_tessera::tile::TileAddress;
+use proptest::prelude::*;
+use std::path::Path;
+
+/// A grid whose indices are clamped to it.
+struct Grid<T> {
+    size: [i64; 2],
+    values: Vec<T>,
+}
+
+impl<T: Copy> Grid<T> {
+    fn new(size: [i64; 2], value: impl Fn(i64, i64) -> T) -> Self {
+        let values = (0..size[1])
+            .flat_map(|z| (0..size[0]).map(move |x| (x, z)))
+            .map(|(x, z)| value(x, z))
+            .collect();
+        Self { size, values }
+    }
+
+    fn at(&self, x: i64, z: i64) -> T {
+        let (x, z) = (x.clamp(0, self.size[0] - 1), z.clamp(0, self.size[1] - 1));
+        self.values[(z * self.size[0] + x) as usize]
+    }
+}
+
+/// The whole pyramid from the whole picture, as plainly as possible.
+struct Reference {
+    heights: Vec<Grid<u16>>,
+    densities: Vec<Grid<u8>>,
+}
+
+fn reference(size: [u32; 2], metres: &[f32], file: &ManifestFile) -> Reference {
+    let size = size.map(i64::from);
+    let (low, step) = (file.height_min_m, file.height_step_m);
+    let metres = Grid {
+        size,
+        values: metres.to_vec(),
+    };
+    let wanted = |x, z| ((f64::from(metres.at(x, z)) - low) / step).clamp(0.0, 65535.0);
+    let mut heights = vec![Grid::new(size, |x, z| (wanted(x, z) + 0.5).floor() as u16)];
+    let relief = Grid::new(size, |x, z| (wanted(x, z) * step / file.spacing_m) as f32);
+
+    // The rim takes the curvature of the nearest sample that has neighbours on all sides.
+    let inside = |at: i64, count: i64| {
+        if count < 3 {
+            at
+        } else {
+            at.clamp(1, count - 2)
+        }
+    };
+    let curvature = Grid::new(size, |x, z| {
+        let (x, z) = (inside(x, size[0]), inside(z, size[1]));
+        // A terrain two samples wide has no neighbours to both sides, and bends along z only.
+        let columns = if size[0] < 3 { x..=x } else { x - 1..=x + 1 };
+        let row = |z| columns.clone().map(|x| relief.at(x, z)).collect::<Vec<_>>();
+        let mut out = vec![0.0; if size[0] < 3 { 1 } else { 3 }];
+        mean_curvature(&row(z - 1), &row(z), &row(z + 1), &mut out);
+        out[out.len() / 2]
+    });
+    let texels = size.map(|count| (count - 1 + 3) / 4);
+    let mut densities = vec![Grid::new(texels, |x, z| {
+        let mut largest = 0_f32;
+        for dz in 0..=4 {
+            for dx in 0..=4 {
+                largest = largest.max(curvature.at(4 * x + dx, 4 * z + dz));
+            }
+        }
+        quantise_density(largest, &file.density)
+    })];
+    for _ in 1..file.levels {
+        let fine = heights.last().expect("there is level 0");
+        let half = fine.size.map(|count| count / 2 + 1);
+        let tent = Grid::new(half, |x, z| {
+            let mut sum = 8_u32;
+            for (dz, wz) in [(-1, 1), (0, 2), (1, 1)] {
+                for (dx, wx) in [(-1, 1), (0, 2), (1, 1)] {
+                    sum += wz * wx * u32::from(fine.at(2 * x + dx, 2 * z + dz));
+                }
+            }
+            (sum / 16) as u16
+        });
+        heights.push(tent);
+        let fine = densities.last().expect("there is level 0");
+        let half = fine.size.map(|count| (count + 1) / 2);
+        let largest = Grid::new(half, |x, z| {
+            let four = [(0, 0), (1, 0), (0, 1), (1, 1)];
+            let of = |(dx, dz)| fine.at(2 * x + dx, 2 * z + dz);
+            four.into_iter().map(of).max().expect("four of them")
+        });
+        densities.push(largest);
+    }
+    Reference { heights, densities }
+}
+
+fn assert_equals_reference(dir: &Path, reference: &Reference) {
+    let file = manifest(dir).file;
+    for address in addresses(&file) {
+        let level = usize::from(address.level);
+        let (first_x, first_z) = (i64::from(address.x), i64::from(address.z));
+        let tile = heights(dir, address);
+        for z in -2..=130 {
+            for x in -2..=130 {
+                let wanted = reference.heights[level]
+                    .at(first_x * 128 + i64::from(x), first_z * 128 + i64::from(z));
+                assert_eq!(
+                    tile.get(x, z),
+                    wanted,
+                    "height ({x}, {z}) of tile {address}"
+                );
+            }
+        }
+        let tile = densities(dir, address);
+        for z in -1..=33 {
+            for x in -1..=33 {
+                let wanted = reference.densities[level]
+                    .at(first_x * 32 + i64::from(x), first_z * 32 + i64::from(z));
+                assert_eq!(
+                    tile.get(x, z),
+                    wanted,
+                    "density ({x}, {z}) of tile {address}"
+                );
+            }
+        }
+    }
+}
+
+fn assert_streams_right(size: [u32; 2], seed: u32, band_rows: Option<u32>) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    let metres = landscape(size, seed);
+    let settings = BakeSettings {
+        band_rows,
+        spacing_m: Some(3.0),
+        density: DensitySettings {
+            gain: 1.5,
+            exponent: 0.75,
+            ..Default::default()
+        },
+        ..Default::default()
+    };
+    bake_heights(size, metres.clone(), &dir, &settings);
+    let file = manifest(&dir).file;
+    assert_equals_reference(&dir, &reference(size, &metres, &file));
+}
+
+#[test]
+fn a_streamed_bake_equals_a_bake_of_the_whole_picture() {
+    for size in [
+        [2, 2],
+        [3, 2],
+        [2, 400],
+        [129, 129],
+        [130, 57],
+        [257, 300],
+        [128, 128],
+        [385, 130],
+        [600, 9],
+    ] {
+        for band_rows in [None, Some(1), Some(37)] {
+            assert_streams_right(size, size[0] + size[1], band_rows);
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_streamed_bake_of_any_size_equals_a_bake_of_the_whole_picture(
+        width in 2_u32..400,
+        height in 2_u32..400,
+        band in 1_u32..200,
+        seed in any::<u32>(),
+    ) {
+        assert_streams_right([width, height], seed, Some(band));
+    }
+
+    #[test]
+    fn densities_are_never_rounded_down(curvature in 0_f32..2.0, gain in 0.01_f32..8.0) {
+        let settings = DensitySettings { gain, ..Default::default() };
+        let wanted = f64::from((curvature * gain).clamp(0.0, 1.0));
+        let stored = f64::from(quantise_density(curvature, &settings)) / 255.0;
+        prop_assert!(stored >= wanted, "{stored} < {wanted}");
+        prop_assert!(stored - wanted < 1.0 / 255.0 + 1e-12);
+    }
+}
+
+#[test]
+fn any_bend_at_all_is_stored_as_more_than_none() {
+    let settings = DensitySettings::default();
+    assert_eq!(quantise_density(0.0, &settings), 0);
+    assert_eq!(quantise_density(f32::MIN_POSITIVE, &settings), 1);
+    assert_eq!(quantise_density(f32::INFINITY, &settings), 255);
+    assert_eq!(quantise_density(f32::NAN, &settings), 0);
+}
+
+/// 254 / 255 in `f32` times 255 rounds to 254 exactly, though the share is a little more.
+#[test]
+fn a_density_just_above_a_step_is_stored_as_the_next() {
+    let settings = DensitySettings {
+        gain: 1.0,
+        ..Default::default()
+    };
+    for step in 1..255_u16 {
+        let share = f32::from(step) / 255.0;
+        let stored = f64::from(quantise_density(share, &settings)) / 255.0;
+        assert!(stored >= f64::from(share), "{step}");
+    }
+}
+
+#[test]
+fn neighbours_hold_identical_samples_where_both_hold_them() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    bake_heights(
+        [523, 391],
+        landscape([523, 391], 7),
+        &dir,
+        &BakeSettings::default(),
+    );
+    let file = manifest(&dir).file;
+    let mut compared = 0;
+    for address in addresses(&file) {
+        let [columns, rows] = file.tiles(address.level);
+        let (a_heights, a_densities) = (heights(&dir, address), densities(&dir, address));
+        for (east, south) in [(1_i32, 0_i32), (0, 1), (1, 1), (-1, 1)] {
+            let x = address.x.wrapping_add_signed(east);
+            let z = address.z.wrapping_add_signed(south);
+            if x >= columns || z >= rows {
+                continue;
+            }
+            let other = TileAddress::new(address.level, x, z);
+            let (b_heights, b_densities) = (heights(&dir, other), densities(&dir, other));
+            for z in -2..=130 {
+                for x in -2..=130 {
+                    let (u, v) = (x - 128 * east, z - 128 * south);
+                    if (-2..=130).contains(&u) && (-2..=130).contains(&v) {
+                        assert_eq!(
+                            a_heights.get(x, z),
+                            b_heights.get(u, v),
+                            "sample ({x}, {z}) of {address} in {other}"
+                        );
+                        compared += 1;
+                    }
+                }
+            }
+            for z in -1..=33 {
+                for x in -1..=33 {
+                    let (u, v) = (x - 32 * east, z - 32 * south);
+                    if (-1..=33).contains(&u) && (-1..=33).contains(&v) {
+                        assert_eq!(
+                            a_densities.get(x, z),
+                            b_densities.get(u, v),
+                            "texel ({x}, {z}) of {address} in {other}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+    assert!(compared > 10_000, "only {compared} samples are shared");
+}
+
+#[test]
+fn parents_cover_their_children() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    bake_heights(
+        [700, 450],
+        landscape([700, 450], 3),
+        &dir,
+        &BakeSettings::default(),
+    );
+    let terrain = manifest(&dir);
+    let mut narrower = 0;
+    for address in addresses(&terrain.file) {
+        let range = terrain.index.get(address).expect("every tile is stored");
+        let own = heights(&dir, address).range();
+        assert!(range.covers(own), "{address}");
+        narrower += u32::from(own != range);
+        for child in address.children().into_iter().flatten() {
+            if let Some(child_range) = terrain.index.get(child) {
+                assert!(range.covers(child_range), "{child} in {address}");
+            }
+        }
+    }
+    // Filtering flattens peaks, so that the test would fail were ranges taken from tiles alone.
+    assert!(narrower > 0);
+}
+
+#[test]
+fn a_plane_has_no_density_and_a_ball_has_its_own_curvature() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let size = [200, 150];
+    let plane: Vec<f32> = (0..200 * 150)
+        .map(|at| (at % 200) as f32 * 0.5 - (at / 200) as f32 * 0.25)
+        .collect();
+    let dir = folder.path().join("plane");
+    bake_heights(size, plane, &dir, &BakeSettings::default());
+    for address in addresses(&manifest(&dir).file) {
+        // Heights are floats, so that a plane bends by their rounding, some millionths of a step.
+        assert!(
+            densities(&dir, address)
+                .samples()
+                .iter()
+                .all(|&texel| texel <= 1)
+        );
+    }
+
+    // Mean curvature of a ball of 400 m, with samples 2 m apart: 2 / 400 a sample.
+    let ball: Vec<f32> = (0..200 * 150)
+        .map(|at| ((at % 200) as f64 - 100.0, (at / 200) as f64 - 75.0))
+        .map(|(x, z)| (400.0_f64.powi(2) - 4.0 * (x * x + z * z)).sqrt() as f32)
+        .collect();
+    let dir = folder.path().join("ball");
+    let settings = BakeSettings {
+        spacing_m: Some(2.0),
+        density: DensitySettings {
+            gain: 100.0,
+            ..Default::default()
+        },
+        ..Default::default()
+    };
+    bake_heights(size, ball, &dir, &settings);
+    let tile = densities(&dir, TileAddress::new(0, 0, 0));
+    let wanted = 255.0 * 0.5;
+    for (x, z) in [(0, 0), (12, 30), (25, 18)] {
+        let found = f64::from(tile.get(x, z));
+        assert!(
+            (found - wanted).abs() < 4.0,
+            "{found} at ({x}, {z}), wanted {wanted}"
+        );
+    }
+}
+
+#[test]
+fn flat_ground_bakes_with_and_without_headroom() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for headroom_m in [0.0, 64.0] {
+        let dir = folder.path().join(format!("flat{headroom_m}"));
+        let settings = BakeSettings {
+            headroom_m,
+            ..Default::default()
+        };
+        let report = bake_heights([20, 30], vec![812.5; 600], &dir, &settings);
+        assert!(report.height_step_m > 0.0);
+        let tile = heights(&dir, TileAddress::new(0, 0, 0));
+        let file = manifest(&dir).file;
+        let found = file.height_m(tile.get(3, 4));
+        assert!(
+            (found - 812.5).abs() <= report.height_step_m * 0.5,
+            "{found}"
+        );
+    }
+}
+
+#[test]
+fn a_given_range_maps_to_all_stored_heights_and_clamps_what_lies_outside() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    let settings = BakeSettings {
+        height_range_m: Some(-100.0..=6453.5),
+        ..Default::default()
+    };
+    let metres = vec![
+        -100.0, 6453.5, -200.0, 9000.0, 0.0, 0.04, 0.06, 100.0, -99.9,
+    ];
+    let report = bake_heights([3, 3], metres, &dir, &settings);
+    assert_eq!(report.clamped, 2);
+    let tile = heights(&dir, TileAddress::new(0, 0, 0));
+    let row = |z| [0, 1, 2].map(|x| tile.get(x, z));
+    assert_eq!(row(0), [0, 65535, 0]);
+    assert_eq!(row(1), [65535, 1000, 1000]);
+    assert_eq!(row(2), [1001, 2000, 1]);
+}
