@@ -4,8 +4,9 @@ use bevy_tessera::bake::import::{self, ImportSettings, Packing};
 use bevy_tessera::bake::{self, BakeProgress, BakeReport, BakeSettings, BakeStage};
 use bevy_tessera::terrain::{DensitySettings, TerrainManifest};
 use clap::{Args, Parser, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
 use std::error::Error;
+use std::fmt;
 use std::io::{IsTerminal, Write};
 use std::ops::RangeInclusive;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -368,10 +369,14 @@ impl Bar {
         }
         let bar = ProgressBar::new(length);
         let style = format!(
-            "{{msg:>7}} [{{wide_bar}}] {{percent:>3}} %  {{human_pos}} {unit}, {{per_sec}}, \
+            "{{msg:>7}} [{{wide_bar}}] {{percent:>3}} %  {{human_pos}} {unit}, {{rate}}/s, \
              {{eta}} left"
         );
         if let Ok(style) = ProgressStyle::with_template(&style) {
+            let style =
+                style.with_key("rate", |state: &ProgressState, out: &mut dyn fmt::Write| {
+                    let _ = write!(out, "{}", HumanCount(state.per_sec() as u64));
+                });
             bar.set_style(style.progress_chars("=> "));
         }
         bar.set_message(what);
@@ -397,7 +402,7 @@ impl BakeProgress for Bar {
             BakeStage::Survey => "survey",
             BakeStage::Fill => "fill",
             BakeStage::Bake => "bake",
-            _ => "finish",
+            _ => return self.clear(),
         };
         self.start(what, samples, "samples");
     }

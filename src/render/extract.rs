@@ -186,7 +186,7 @@ pub(super) fn extract_terrains(
             gpu_view.node_count = nodes.len() as u32;
             gpu_view.height_min_m = state.manifest().file.height_min_m as f32;
             gpu_view.height_step_m = state.manifest().file.height_step_m as f32;
-            gpu_view.field_cell_log2 = state.field().cell_log2;
+            gpu_view.field_cell_shift = state.field().cell_log2;
             gpu_view.field_cells = state.field().cells.to_array();
             for level in 0..state.pages().levels() {
                 let [across, down] = state.pages().tiles(level);

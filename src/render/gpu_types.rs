@@ -24,9 +24,9 @@ pub struct GpuTerrainView {
     /// 1 where the distance in the plane counts.
     pub planar: u32,
     /// Lattice units per sample, as a power of two.
-    pub unit_log2: u32,
+    pub unit_shift: u32,
     /// Faces a side, as a power of two.
-    pub faces_log2: u32,
+    pub faces_shift: u32,
     /// Finest geometry level.
     pub leaf_level: i32,
     /// Coarsest level.
@@ -48,7 +48,7 @@ pub struct GpuTerrainView {
     /// Metres a stored unit.
     pub height_step_m: f32,
     /// Side of a residency cell, as a power of two.
-    pub field_cell_log2: u32,
+    pub field_cell_shift: u32,
     /// Room in the vertex buffer.
     pub max_vertices: u32,
     /// Residency cells in x and z.
@@ -80,8 +80,8 @@ impl GpuTerrainView {
             unit_m: factors.unit_m,
             distance_floor: lod.floor,
             planar: u32::from(lod.planar),
-            unit_log2: lattice.unit_log2,
-            faces_log2: lattice.faces_log2,
+            unit_shift: lattice.unit_log2,
+            faces_shift: lattice.faces_log2,
             leaf_level: lattice.leaf_level,
             root_level: lattice.root_level,
             partitioning: partitioning as u32,

@@ -338,7 +338,7 @@ impl GpuTerrainMesh {
     /// Makes room for the view's nodes and for at least the coarsest mesh of them.
     fn make_room(&mut self, device: &RenderDevice, extracted: &ExtractedView) {
         let nodes = extracted.nodes.len() as u32;
-        let faces_a_node = 1_u64 << (2 * extracted.view.faces_log2);
+        let faces_a_node = 1_u64 << (2 * extracted.view.faces_shift);
         let faces = u64::from(nodes) * faces_a_node;
         let mut replaced = false;
         if self.node_room < nodes {

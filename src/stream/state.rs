@@ -10,6 +10,7 @@ use bevy::asset::{AssetId, AssetPath};
 use bevy::prelude::*;
 use std::collections::HashSet;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What a terrain knows at run time; inserted on the terrain's entity once its manifest has
 /// loaded, and removed with it.
@@ -39,7 +40,11 @@ pub struct TerrainState {
     /// The views of this terrain, refilled every frame.
     pub(super) views: Vec<ViewLod>,
     pub(super) lattice: Lattice,
+    instance: u64,
 }
+
+/// The next state's instance.
+static INSTANCE: AtomicU64 = AtomicU64::new(1);
 
 /// What a page holds. The handles keep the tile loaded even where a game despawns its entity.
 #[derive(Debug)]
@@ -107,6 +112,7 @@ impl TerrainState {
             cursor: 0,
             views: Vec::new(),
             lattice,
+            instance: INSTANCE.fetch_add(1, Ordering::Relaxed),
         })
     }
 
@@ -134,14 +140,22 @@ impl TerrainState {
         &self.residency.field
     }
 
-    /// Changes whenever [`pages`](Self::pages) does. Starts at 1 for every terrain: a copy must
-    /// also remember which terrain, and which insertion of this component, it is of.
+    /// A number that no other state has had since the program started, so that copies of a former
+    /// state of the same entity (before its manifest was replaced, say) can be told.
+    #[must_use]
+    pub const fn instance(&self) -> u64 {
+        self.instance
+    }
+
+    /// Changes whenever [`pages`](Self::pages) does. Begins anew with every
+    /// [`instance`](Self::instance).
     #[must_use]
     pub const fn pages_version(&self) -> u64 {
         self.residency.pages_version
     }
 
-    /// Changes whenever [`field`](Self::field) does; see [`pages_version`](Self::pages_version).
+    /// Changes whenever [`field`](Self::field) does; begins anew with every
+    /// [`instance`](Self::instance).
     #[must_use]
     pub const fn field_version(&self) -> u64 {
         self.residency.field_version

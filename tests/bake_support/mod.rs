@@ -1,5 +1,5 @@
 //! What the bake's tests share: sources, readers of tiles, the command-line tool.
-#![allow(dead_code, reason = "every test file uses its own part")]
+#![expect(dead_code, reason = "every test file uses its own part")]
 
 use bevy_tessera::bake::{self, BakeReport, BakeSettings, HeightSource, MemorySource};
 use bevy_tessera::terrain::{ManifestFile, TerrainManifest};

@@ -49,7 +49,7 @@ fn classify(
 
     if node_index < terrain_view.node_count {
         let node = nodes[node_index];
-        let faces = 1u << (2u * terrain_view.faces_log2);
+        let faces = 1u << (2u * terrain_view.faces_shift);
         for (var face = lane; face < faces; face += 64u) {
             var corners = face_corners(node, face);
             var heights: array<f32, 4>;

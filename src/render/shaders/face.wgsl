@@ -4,7 +4,7 @@
 // computable alone from its number.
 
 #import bevy_tessera::types::{
-    ONE, FACTOR_LOG2, FACTOR_ONE, TerrainNode,
+    ONE, FACTOR_SHIFT, FACTOR_ONE, TerrainNode,
     PARTITIONING_FRACTIONAL_ODD, PARTITIONING_INTEGER, PARTITIONING_POWER_OF_TWO,
 }
 #import bevy_tessera::bindings::terrain_view
@@ -56,7 +56,7 @@ fn segment_parameter(factor: u32, count: u32, index: u32) -> i32 {
     let i = select(index, count - index, mirrored);
     var t: u32;
     if terrain_view.partitioning == PARTITIONING_FRACTIONAL_ODD {
-        let missing = (count << FACTOR_LOG2) - factor;
+        let missing = (count << FACTOR_SHIFT) - factor;
         let short = 2u * FACTOR_ONE - missing;
         t = ((short + (i - 1u) * 2u * FACTOR_ONE) << 15u) / factor;
     } else {
@@ -67,7 +67,7 @@ fn segment_parameter(factor: u32, count: u32, index: u32) -> i32 {
 
 // The corners of face `index` of a node, around it.
 fn face_corners(node: TerrainNode, index: u32) -> array<vec2<i32>, 4> {
-    let side = 1u << terrain_view.faces_log2;
+    let side = 1u << terrain_view.faces_shift;
     let first = vec2<i32>(vec2(index % side, index / side));
     var offsets = array(vec2(0, 0), vec2(1, 0), vec2(1, 1), vec2(0, 1));
     var corners: array<vec2<i32>, 4>;

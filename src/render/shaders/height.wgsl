@@ -4,11 +4,11 @@
 
 #import bevy_tessera::types::{ONE, TILE_SAMPLES, TILE_BORDER, TILE_STORED, PAGES_ACROSS}
 #import bevy_tessera::bindings::{terrain_view, page_table, height_pages}
-#import bevy_tessera::lattice::node_log2
+#import bevy_tessera::lattice::node_shift
 
 // First texel of a page in its atlas layer.
 fn page_origin(page: u32) -> vec2<i32> {
-    return vec2(vec2(page % PAGES_ACROSS, (page / PAGES_ACROSS) % PAGES_ACROSS)) * TILE_STORED;
+    return vec2<i32>(vec2(page % PAGES_ACROSS, (page / PAGES_ACROSS) % PAGES_ACROSS)) * TILE_STORED;
 }
 
 fn page_layer(page: u32) -> u32 {
@@ -17,13 +17,13 @@ fn page_layer(page: u32) -> u32 {
 
 // Stored height at p read from one level, bilinear between samples.
 fn level_height(p: vec2<i32>, level: u32) -> f32 {
-    let log2 = node_log2(i32(level));
+    let log2 = node_shift(i32(level));
     let last = max(terrain_view.extent - 1, vec2(0)) >> vec2(log2);
     let tile = clamp(p >> vec2(log2), vec2(0), last);
     let level_tiles = terrain_view.tiles[level];
     let page = page_table[level_tiles.x + u32(tile.y) * level_tiles.y + u32(tile.x)];
 
-    let shift = terrain_view.unit_log2 + level;
+    let shift = terrain_view.unit_shift + level;
     let sample = p >> vec2(shift);
     let weight = vec2<f32>(p - (sample << vec2(shift))) / f32(1u << shift);
     let texel = sample - tile * TILE_SAMPLES + TILE_BORDER + page_origin(page);

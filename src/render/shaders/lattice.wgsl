@@ -15,8 +15,8 @@ fn lerp_point(a: vec2<i32>, b: vec2<i32>, t: i32) -> vec2<i32> {
     return a + vec2(scale(b.x - a.x, t), scale(b.y - a.y, t));
 }
 
-fn node_log2(level: i32) -> u32 {
-    return u32(7 + i32(terrain_view.unit_log2) + level);
+fn node_shift(level: i32) -> u32 {
+    return u32(7 + i32(terrain_view.unit_shift) + level);
 }
 
 fn view_distance(p: vec2<i32>) -> i32 {
@@ -46,7 +46,7 @@ fn morph(p: vec2<i32>, level: i32) -> i32 {
 
 // The residency field at p, 8.8 fixed point.
 fn field_at(p: vec2<i32>) -> i32 {
-    let log2 = vec2(terrain_view.field_cell_log2);
+    let log2 = vec2(terrain_view.field_cell_shift);
     let q = vec2<u32>(max(p, vec2(0)));
     let cell = min(q >> log2, terrain_view.field_cells - 1u);
     let weight = min((q - (cell << log2)) >> (log2 - 8u), vec2(256u));
@@ -69,7 +69,7 @@ fn clamp_point(p: vec2<i32>) -> vec2<i32> {
 }
 
 fn control_vertex(origin: vec2<i32>, level: i32, ij: vec2<i32>) -> vec2<i32> {
-    let step = 1 << (node_log2(level) - terrain_view.faces_log2);
+    let step = 1 << (node_shift(level) - terrain_view.faces_shift);
     let grid = origin + ij * step;
     let slide = scale(step, morph(clamp_point(grid), level));
     return clamp_point(grid - (ij & vec2(1)) * slide);

@@ -15,7 +15,7 @@ var<workgroup> face_places: array<vec2<u32>, 1024>;
 var<workgroup> lane_sums: array<vec2<u32>, 256>;
 
 fn faces_a_node() -> u32 {
-    return 1u << (2u * terrain_view.faces_log2);
+    return 1u << (2u * terrain_view.faces_shift);
 }
 
 // Fills `face_places` with the vertices and triangles before each face; returns the node's totals.

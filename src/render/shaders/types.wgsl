@@ -1,11 +1,12 @@
 #define_import_path bevy_tessera::types
 
-// Structs that Rust fills or reads; each has its pair in `gpu_types.rs` and a layout test.
+// Structs that Rust fills or reads; each has its pair in `gpu_types.rs` and a layout test. No name
+// that another module uses may end in a digit: composing would rename it.
 
 // One in the 16.16 fixed point of morphs, levels of detail and edge parameters.
 const ONE: i32 = 65536;
 // An edge factor of 1.
-const FACTOR_LOG2: u32 = 10u;
+const FACTOR_SHIFT: u32 = 10u;
 const FACTOR_ONE: u32 = 1024u;
 const FACTOR_MAX: u32 = 65536u;
 // Scales that a view's factors can be brought down by.
@@ -34,8 +35,8 @@ struct TerrainView {
     unit_m: f32,
     distance_floor: i32,
     planar: u32,
-    unit_log2: u32,
-    faces_log2: u32,
+    unit_shift: u32,
+    faces_shift: u32,
     leaf_level: i32,
     root_level: i32,
     partitioning: u32,
@@ -46,7 +47,7 @@ struct TerrainView {
     max_factor: f32,
     height_min_m: f32,
     height_step_m: f32,
-    field_cell_log2: u32,
+    field_cell_shift: u32,
     max_vertices: u32,
     field_cells: vec2<u32>,
     max_triangles: u32,

@@ -189,6 +189,42 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
+
+    /// While the eyes stand still, the level that is read anywhere changes no faster than the
+    /// fade, however many tiles come and go: corners jump only where nobody can see it.
+    #[test]
+    fn nothing_pops_in_view(
+        capacity in 20u32..120,
+        eyes in prop::collection::vec((0..2500, 0..2500), 2..5),
+    ) {
+        let mut sim = Sim::new([2500, 2500], capacity, |_| true);
+        let points: Vec<_> = (0..61 * 61)
+            .map(|at| IVec2::new(at % 61, at / 61) * (41 << sim.lattice.unit_log2))
+            .collect();
+        let read = |sim: &Sim| -> Vec<i32> {
+            let level = |&p: &IVec2| {
+                let detail = finest_detail(&sim.lattice, &sim.views[0], p, p);
+                detail.max(sim.residency.field.at(p))
+            };
+            points.iter().map(level).collect()
+        };
+        for (x, z) in eyes {
+            sim.look(&[[x, z]]);
+            let mut before = read(&sim);
+            for _ in 0..60 {
+                sim.frame(0.1, 5, None);
+                let now = read(&sim);
+                for ((a, b), p) in before.iter().zip(&now).zip(&points) {
+                    prop_assert!((a - b).abs() <= 27, "{p}: {a} to {b} in a tenth of a level");
+                }
+                before = now;
+            }
+        }
+    }
+}
+
 #[test]
 fn detail_arrives_under_the_eye_and_comes_to_rest() {
     let mut sim = Sim::new([2000, 1500], 400, |_| true);
@@ -328,4 +364,22 @@ fn a_still_eye_costs_no_new_plan() {
     assert!(update(&mut sim));
     sim.look(&[[517, 500], [0, 0]]);
     assert!(update(&mut sim), "a second view");
+}
+
+#[test]
+fn a_tile_becomes_resident_only_once_on_a_free_page_under_its_parent() {
+    let mut sim = Sim::new([500, 500], 3, |_| true);
+    let root = TileAddress::new(2, 0, 0);
+    let [near, far, ..] = root.children().expect("not a leaf");
+    let residency = &mut sim.residency;
+    assert_eq!(residency.activate(near, 1), None, "before its parent");
+    assert_eq!(residency.activate(root, 0), Some(0));
+    assert_eq!(residency.activate(root, 0), None, "twice");
+    let beyond = TileAddress::new(1, 2, 0);
+    assert_eq!(residency.activate(beyond, 0), None, "beyond the terrain");
+    assert_eq!(residency.activate(near, 1), Some(1));
+    assert_eq!(residency.activate(far, 2), Some(2));
+    let leaf = TileAddress::new(0, 0, 0);
+    assert_eq!(residency.activate(leaf, 3), None, "no page is free");
+    sim.check();
 }
