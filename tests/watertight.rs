@@ -6,6 +6,7 @@ use bevy_tessera::lattice::{Lattice, LodSettings, Node, ResidencyField, ViewLod}
 use bevy_tessera::tessellate::{FactorView, HeightSource, Partitioning, ViewMesh};
 use bevy_tessera::tile::TileAddress;
 use common::manifold;
+use common::random::Random;
 use glam::{IVec2, UVec2, Vec2};
 
 /// Heights that differ between levels at every point, so that reading the wrong one shows.
@@ -17,22 +18,6 @@ impl HeightSource for Noise {
         let z = i64::from(tile.z) * 128 + i64::from(z);
         let hash = (x * 73 + z * 179 + i64::from(tile.level) * 977).wrapping_mul(2_654_435_761);
         Some(20_000 + ((hash >> 7) & 0xfff) as u16)
-    }
-}
-
-/// A small deterministic random number generator; tests must not depend on a crate's sequence.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0
-    }
-
-    fn below(&mut self, bound: i32) -> i32 {
-        (self.next() % bound.unsigned_abs() as u64) as i32
     }
 }
 
@@ -129,6 +114,86 @@ fn the_twin_is_watertight_from_everywhere() {
     assert!(deep >= 24, "only {deep} views of 48 had three levels in view");
 }
 
+/// A mesh whose tear must be seen: an eye over a corner of many levels.
+fn twin_of_a_broken_view(
+    break_lod: impl Fn(&mut ViewLod),
+    break_factors: impl Fn(&mut [[u32; 4]]),
+) -> Result<(), String> {
+    let lattice = Lattice::new([4097, 4097], 6, 0, 4).unwrap();
+    let eye = lattice.extent / 3;
+    let mut lod = ViewLod::new(&lattice, &LodSettings::default(), eye, 0, true).unwrap();
+    break_lod(&mut lod);
+    let mut nodes = Vec::new();
+    lod.select(&lattice, &mut |_, _| true, &mut |node: Node| nodes.push(node));
+    let field = ResidencyField::new(&lattice, 0);
+    let view = FactorView {
+        eye,
+        eye_fraction: Vec2::ZERO,
+        eye_height_m: 60.0,
+        unit_m: lattice.unit_m(1.0) as f32,
+        segments_per_radian: 40.0,
+        segments_per_m: 0.0,
+        min_triangle_m: 0.1,
+        max_factor: 64.0,
+    };
+    let twin = ViewMesh {
+        lattice: &lattice,
+        lod: &lod,
+        field: &field,
+        factor_view: &view,
+        partitioning: Partitioning::FractionalOdd,
+        heights: &Noise,
+        height_min_m: 0.0,
+        height_step_m: 0.01,
+        max_vertices: u32::MAX,
+        max_triangles: u32::MAX,
+    };
+    let faces: Vec<_> = nodes
+        .iter()
+        .flat_map(|node| (0..16).map(|face| (*node, face)))
+        .map(|(node, face)| (node, twin.corners(&node, face)))
+        .collect();
+    let mut factors: Vec<_> = faces
+        .iter()
+        .map(|(node, corners)| twin.classify(node, corners))
+        .collect();
+    break_factors(&mut factors);
+    let mesh = twin.build_with(&faces, factors);
+    manifold::check(&lattice, &mesh.vertices, &mesh.triangles)
+}
+
+#[test]
+fn a_view_with_nothing_broken_passes_the_check() {
+    twin_of_a_broken_view(|_| {}, |_| {}).unwrap();
+}
+
+#[test]
+fn the_check_sees_a_morph_zone_that_ends_too_late() {
+    // Rule 3 broken: nodes meet coarser ones before they are fully morphed.
+    let torn = twin_of_a_broken_view(
+        |lod| {
+            for (start, log2) in lod.morph_start.iter_mut().zip(lod.zone_log2) {
+                *start = start.saturating_add(1 << log2 >> 2);
+            }
+        },
+        |_| {},
+    );
+    assert!(torn.is_err());
+}
+
+#[test]
+fn the_check_sees_an_edge_that_two_faces_cut_differently() {
+    // Rule 4 broken: one face asks for more along an edge that it shares.
+    let torn = twin_of_a_broken_view(
+        |_| {},
+        |factors| {
+            let middle = factors.len() / 2;
+            factors[middle][1] += 3 * bevy_tessera::tessellate::FACTOR_ONE;
+        },
+    );
+    assert!(torn.is_err());
+}
+
 #[test]
 fn a_reach_without_room_for_the_morph_is_refused_because_it_tears() {
     let lattice = Lattice::new([4097, 4097], 6, 0, 4).unwrap();
@@ -147,5 +212,89 @@ fn the_last_point_of_a_terrain_lies_on_its_rim() {
         let field = ResidencyField::new(&case.lattice, 2);
         assert_eq!(field.at(last), 2 << 8);
         assert!(field.cells.cmpge(UVec2::ONE).all());
+    }
+}
+
+#[cfg(feature = "examples")]
+mod on_the_gpu {
+    use super::common::gpu::Kernels;
+    use super::common::manifold;
+    use super::common::random::Random;
+    use bevy::prelude::*;
+    use bevy_tessera::terrain::{TerrainCamera, TerrainSettings, TerrainSystems};
+    use bevy_tessera::tessellate::Partitioning;
+    use bevy_tessera::view::TerrainViews;
+
+    const EYES: usize = 200;
+
+    #[test]
+    fn the_kernels_are_watertight_from_two_hundred_eyes_over_a_real_terrain() {
+        let settings = TerrainSettings {
+            // The field is to be in motion in most frames.
+            activations_per_frame: 6,
+            page_capacity: 90,
+            ..default()
+        };
+        let mut kernels = Kernels::start(settings, UVec2::new(96, 64));
+        let mut random = Random(5);
+        let mut deep = 0;
+        for n in 0..EYES {
+            let place = Vec3::new(
+                random.unit() * 33e3 - 1.5e3,
+                150.0 + random.unit().powi(4) * 5000.0,
+                random.unit() * 35e3 - 1.5e3,
+            );
+            let towards = Vec3::new(random.unit() - 0.5, -0.3, random.unit() - 0.5);
+            let camera = TerrainCamera {
+                partitioning: [
+                    Partitioning::FractionalOdd,
+                    Partitioning::Integer,
+                    Partitioning::PowerOfTwo,
+                ][n % 3],
+                triangle_width_px: random.pick(&[2.0, 4.0, 8.0]),
+                ..default()
+            };
+            let eye = Transform::from_translation(place).looking_to(towards, Vec3::Y);
+            kernels.set_camera(eye, camera);
+            let frame = kernels.frame();
+            deep += usize::from(frame.levels() >= 3);
+            let lattice = kernels.state().lattice();
+            if let Err(wrong) = manifold::check(lattice, &frame.vertices, &frame.triangles) {
+                panic!("eye {n} at {place}: {wrong}");
+            }
+        }
+        assert!(
+            deep * 2 > EYES,
+            "only {deep} of {EYES} views had three levels in view"
+        );
+    }
+
+    #[test]
+    fn the_check_sees_kernels_that_morph_too_late() {
+        let mut kernels = Kernels::start(TerrainSettings::default(), UVec2::new(96, 64));
+        kernels.app.add_systems(
+            PostUpdate,
+            (|mut cameras: Query<&mut TerrainViews>| {
+                for mut views in &mut cameras {
+                    for view in &mut views.views {
+                        for (start, log2) in
+                            view.lod.morph_start.iter_mut().zip(view.lod.zone_log2)
+                        {
+                            *start = start.saturating_add(1 << log2 >> 2);
+                        }
+                    }
+                }
+            })
+            .after(TerrainSystems::View)
+            .before(TerrainSystems::Stream),
+        );
+        let eye = Transform::from_xyz(15e3, 700.0, 15e3);
+        kernels.set_camera(eye, TerrainCamera::default());
+        let torn = (0..5).any(|_| {
+            let frame = kernels.frame();
+            let lattice = kernels.state().lattice();
+            manifold::check(lattice, &frame.vertices, &frame.triangles).is_err()
+        });
+        assert!(torn);
     }
 }

@@ -34,7 +34,7 @@ use crate::terrain::DensitySettings;
 ///
 /// `above`, `row` and `below` hold heights divided by the sample spacing, of three neighbouring
 /// rows; all slices have the same length, at least 2. The first and the last sample take their
-/// neighbours' curvature. Takes some 2 ns a sample.
+/// neighbours' curvature. Takes about a nanosecond a sample.
 ///
 /// # Panics
 /// Where the slices differ in length.

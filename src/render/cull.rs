@@ -7,6 +7,7 @@ use crate::tile::{TILE_SAMPLES, TileAddress, TileRange};
 use crate::view::TerrainViews;
 use bevy::camera::primitives::{CascadesFrusta, CubemapFrusta, Frustum};
 use bevy::ecs::entity::EntityHashMap;
+use bevy::math::primitives::ViewFrustum;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 
@@ -28,16 +29,15 @@ pub struct LocalVolume {
 }
 
 impl LocalVolume {
-    /// The frustum in the space that `world_from_local` leads out of. Without its near plane where
-    /// `keep_near` is false: a caster stands before the near plane of its light.
+    /// The frustum in the space that `world_from_local` leads out of, without the plane `ignored`
+    /// (an index into its half spaces).
     #[must_use]
-    pub fn new(frustum: &Frustum, world_from_local: &DAffine3, keep_near: bool) -> Self {
-        const NEAR: usize = 4;
+    pub fn new(frustum: &Frustum, world_from_local: &DAffine3, ignored: Option<usize>) -> Self {
         let mut volume = Self::default();
         for (index, half_space) in frustum.half_spaces.iter().enumerate() {
             let plane = half_space.normal_d().as_dvec4();
             // A plane at infinity culls nothing.
-            if (index == NEAR && !keep_near) || !plane.is_finite() {
+            if Some(index) == ignored || !plane.is_finite() {
                 continue;
             }
             let normal = world_from_local.matrix3.transpose() * plane.truncate();
@@ -186,25 +186,28 @@ pub(super) fn cull_nodes(
             if !state.is_ready() || visibility.is_some_and(|visibility| !visibility.get()) {
                 continue;
             }
-            let mut push = |frustum: &Frustum, keep_near: bool| {
-                volumes.push(LocalVolume::new(frustum, &view.world_from_local, keep_near));
+            let mut push = |frustum: &Frustum, ignored: Option<usize>| {
+                volumes.push(LocalVolume::new(frustum, &view.world_from_local, ignored));
             };
-            push(frustum, true);
+            // Bevy's perspective draws to infinity; its far plane is a culling distance of meshes.
+            push(frustum, Some(ViewFrustum::FAR_PLANE_IDX));
             for (light, cascades) in &directional {
                 if light.shadow_maps_enabled
                     && let Some(frusta) = cascades.frusta.get(&camera)
                 {
-                    frusta.iter().for_each(|frustum| push(frustum, false));
+                    // A caster may stand before the near plane of its light.
+                    let near = Some(ViewFrustum::NEAR_PLANE_IDX);
+                    frusta.iter().for_each(|frustum| push(frustum, near));
                 }
             }
             for (light, frusta) in &points {
                 if light.shadow_maps_enabled {
-                    frusta.iter().for_each(|frustum| push(frustum, true));
+                    frusta.iter().for_each(|frustum| push(frustum, None));
                 }
             }
             for (light, frustum) in &spots {
                 if light.shadow_maps_enabled {
-                    push(frustum, true);
+                    push(frustum, None);
                 }
             }
             select_seen(state, &view.lod, &volumes, nodes);

@@ -344,7 +344,7 @@ impl Residency {
             let corner = UVec2::new(self.moving[at] % columns, self.moving[at] / columns);
             let target = self.target(corner);
             let value = self.field.corners[index];
-            let moved = if self.reads_coarser(corner, value.max(target), views) {
+            let moved = if self.is_unseen(corner, target, views) {
                 target
             } else if value < target {
                 target.min(value.saturating_add(step))
@@ -365,12 +365,22 @@ impl Residency {
         }
     }
 
-    /// Whether every view reads `level` (8.8) or coarser wherever this corner has a say.
-    fn reads_coarser(&self, corner: UVec2, level: u16, views: &[ViewLod]) -> bool {
+    /// Whether no view would see this corner jump to `target`: whether, wherever the corner has
+    /// a say, every view reads more coarsely than the field asks for, before and after. The
+    /// neighbouring corners count too: where they keep the field up, the blend shows this one.
+    fn is_unseen(&self, corner: UVec2, target: u16, views: &[ViewLod]) -> bool {
+        let low = corner.saturating_sub(UVec2::ONE);
+        let high = (corner + 1).min(self.field.cells);
+        let mut level = target;
+        for z in low.y..=high.y {
+            let first = self.field.corner_index(UVec2::new(low.x, z));
+            let last = self.field.corner_index(UVec2::new(high.x, z));
+            let row = &self.field.corners[first..=last];
+            level = row.iter().copied().fold(level, u16::max);
+        }
         let log2 = UVec2::splat(self.field.cell_log2);
-        let low = (corner.saturating_sub(UVec2::ONE) << log2).as_ivec2();
-        let high = ((corner + 1).min(self.field.cells) << log2).as_ivec2();
-        let high = high.min(self.lattice.extent);
+        let low = (low << log2).as_ivec2();
+        let high = (high << log2).as_ivec2().min(self.lattice.extent);
         views
             .iter()
             .all(|view| finest_detail(&self.lattice, view, low, high) >= i32::from(level))

@@ -3,4 +3,7 @@
 
 #[cfg(feature = "examples")]
 pub mod app;
+#[cfg(feature = "examples")]
+pub mod gpu;
 pub mod manifold;
+pub mod random;

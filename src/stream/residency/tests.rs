@@ -190,7 +190,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
     /// While the eyes stand still, the level that is read anywhere changes no faster than the
     /// fade, however many tiles come and go: corners jump only where nobody can see it.
