@@ -14,26 +14,25 @@ use bevy::camera_controller::free_camera::{FreeCamera, FreeCameraPlugin};
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::light::atmosphere::ScatteringMedium;
 use bevy::light::light_consts::lux;
-use bevy::light::{Atmosphere, CascadeShadowConfigBuilder};
-use bevy::pbr::AtmosphereSettings;
+use bevy::light::{Atmosphere, AtmosphereEnvironmentMapLight, CascadeShadowConfigBuilder};
+use bevy::pbr::{AtmosphereSettings, DistanceFog, FogFalloff};
 use bevy::prelude::*;
+use bevy::render::renderer::RenderAdapterInfo;
 use bevy_tessera::TerrainPlugins;
 use bevy_tessera::terrain::{Terrain, TerrainCamera};
+
+/// Where the sun's light comes from.
+const SUN: Vec3 = Vec3::new(-1.0, 0.42, 0.35);
 
 fn main() -> AppExit {
     kit::app()
         .add_plugins((TerrainPlugins, FreeCameraPlugin))
         .insert_resource(GlobalAmbientLight::NONE)
-        .add_systems(Startup, setup)
+        .add_systems(Startup, (setup, setup_sky).chain())
         .run()
 }
 
-fn setup(
-    mut commands: Commands,
-    assets: Res<AssetServer>,
-    terrain: Res<kit::TerrainPath>,
-    mut media: ResMut<Assets<ScatteringMedium>>,
-) {
+fn setup(mut commands: Commands, assets: Res<AssetServer>, terrain: Res<kit::TerrainPath>) {
     commands.spawn(Terrain::new(assets.load(terrain.0.clone())));
     commands.spawn((
         TerrainCamera::default(),
@@ -47,26 +46,68 @@ fn setup(
             far: 100_000.0,
             ..default()
         }),
-        Transform::from_xyz(13_500.0, 1250.0, 20_500.0)
-            .looking_at(Vec3::new(16_500.0, 500.0, 14_000.0), Vec3::Y),
-        AtmosphereSettings::default(),
-        Exposure { ev100: 13.0 },
+        Transform::from_xyz(9_600.0, 1_450.0, 17_900.0)
+            .looking_at(Vec3::new(14_500.0, 350.0, 12_600.0), Vec3::Y),
         Tonemapping::AcesFitted,
     ));
-    commands.spawn(Atmosphere::earth(media.add(ScatteringMedium::earth(256, 256))));
     commands.spawn((
         DirectionalLight {
             shadow_maps_enabled: true,
             illuminance: lux::RAW_SUNLIGHT,
             ..default()
         },
-        Transform::from_xyz(-1.0, 0.42, 0.35).looking_at(Vec3::ZERO, Vec3::Y),
+        Transform::from_translation(SUN).looking_at(Vec3::ZERO, Vec3::Y),
         CascadeShadowConfigBuilder {
             num_cascades: 4,
-            first_cascade_far_bound: 600.0,
-            maximum_distance: 16_000.0,
+            first_cascade_far_bound: 900.0,
+            maximum_distance: 20_000.0,
             ..default()
         }
         .build(),
     ));
+}
+
+/// Bevy's atmosphere; on a software renderer, which takes minutes for it where it survives it, a
+/// plain sky with haze.
+fn setup_sky(
+    mut commands: Commands,
+    adapter: Res<RenderAdapterInfo>,
+    arguments: Res<kit::Arguments>,
+    cameras: Query<Entity, With<Camera3d>>,
+    mut suns: Query<&mut DirectionalLight>,
+    mut media: ResMut<Assets<ScatteringMedium>>,
+    mut ambient: ResMut<GlobalAmbientLight>,
+    mut sky: ResMut<ClearColor>,
+) {
+    if !kit::is_software(&adapter) || arguments.atmosphere {
+        commands.spawn(Atmosphere::earth(media.add(ScatteringMedium::earth(256, 256))));
+        for camera in &cameras {
+            commands.entity(camera).insert((
+                AtmosphereSettings::default(),
+                AtmosphereEnvironmentMapLight::default(),
+                Exposure { ev100: 13.0 },
+            ));
+        }
+        return;
+    }
+    info!("drawing a plain sky on this software renderer; --atmosphere draws Bevy's");
+    sky.0 = Color::srgb(0.62, 0.74, 0.87);
+    *ambient = GlobalAmbientLight {
+        color: Color::srgb(0.75, 0.85, 1.0),
+        brightness: 9_000.0,
+        ..default()
+    };
+    for mut sun in &mut suns {
+        sun.illuminance = lux::FULL_DAYLIGHT * 2.5;
+    }
+    for camera in &cameras {
+        commands.entity(camera).insert((
+            DistanceFog {
+                color: sky.0,
+                falloff: FogFalloff::from_visibility_squared(70_000.0),
+                ..default()
+            },
+            Exposure { ev100: 13.0 },
+        ));
+    }
 }

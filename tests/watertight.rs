@@ -173,7 +173,7 @@ fn the_check_sees_a_morph_zone_that_ends_too_late() {
     let torn = twin_of_a_broken_view(
         |lod| {
             for (start, log2) in lod.morph_start.iter_mut().zip(lod.zone_log2) {
-                *start = start.saturating_add(1 << log2 >> 2);
+                *start = start.saturating_add(1 << log2);
             }
         },
         |_| {},
@@ -230,6 +230,9 @@ mod on_the_gpu {
     #[test]
     fn the_kernels_are_watertight_from_two_hundred_eyes_over_a_real_terrain() {
         let settings = TerrainSettings {
+            // Small nodes, so that several levels meet on a terrain of a thousand samples.
+            leaf_level: -2,
+            faces_per_side: 4,
             // The field is to be in motion in most frames.
             activations_per_frame: 6,
             page_capacity: 90,
@@ -280,7 +283,7 @@ mod on_the_gpu {
                         for (start, log2) in
                             view.lod.morph_start.iter_mut().zip(view.lod.zone_log2)
                         {
-                            *start = start.saturating_add(1 << log2 >> 2);
+                            *start = start.saturating_add(1 << log2);
                         }
                     }
                 }

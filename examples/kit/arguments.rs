@@ -12,6 +12,7 @@ Options:
   --eye X,Y,Z            where the camera stands, in metres
   --look X,Y,Z           what it looks at
   --terrain DIR          a baked terrain instead of the bundled one
+  --atmosphere           Bevy's atmosphere on a software renderer too (slow; crashes old Mesa)
   --help                 this text";
 
 /// What the command line says.
@@ -24,6 +25,7 @@ pub struct Arguments {
     pub eye: Option<Vec3>,
     pub look: Option<Vec3>,
     pub terrain: Option<PathBuf>,
+    pub atmosphere: bool,
 }
 
 impl Arguments {
@@ -52,6 +54,7 @@ impl Arguments {
             };
             match word.as_str() {
                 "--headless" => arguments.headless = true,
+                "--atmosphere" => arguments.atmosphere = true,
                 "--frames" => arguments.frames = Some(number(&word, &value()?)?),
                 "--screenshot" => arguments.screenshot = Some(value()?.into()),
                 "--size" => {

@@ -8,6 +8,7 @@ pub use arguments::Arguments;
 
 use bevy::prelude::*;
 use bevy::render::RenderPlugin;
+use bevy::render::renderer::RenderAdapterInfo;
 use bevy_tessera::bake::import::{self, ImportSettings};
 use bevy_tessera::bake::{BakeSettings, bake};
 use std::path::{Path, PathBuf};
@@ -23,6 +24,12 @@ pub fn app() -> App {
         }
     }
     headless::app(arguments)
+}
+
+/// Whether this renderer draws on the CPU.
+pub fn is_software(adapter: &RenderAdapterInfo) -> bool {
+    // The type's own enum is wgpu's, which Bevy doesn't hand on.
+    format!("{:?}", adapter.device_type) == "Cpu"
 }
 
 /// The terrain's manifest in the asset folder.

@@ -1,0 +1,84 @@
+//! Culling may only drop what no view sees.
+
+mod common;
+
+use bevy::camera::primitives::Frustum;
+use bevy::math::primitives::ViewFrustum;
+use bevy::prelude::*;
+use bevy_tessera::render::{LocalVolume, select_seen};
+use bevy_tessera::terrain::{TerrainCamera, TerrainSettings};
+use bevy_tessera::view::TerrainViews;
+use common::gpu::Kernels;
+use common::random::Random;
+use std::collections::HashSet;
+
+#[test]
+fn no_dropped_node_reaches_into_the_frustum() {
+    let settings = TerrainSettings {
+        leaf_level: -1,
+        // Frames while tiles stream in are culled by looser boxes; both are to be seen.
+        activations_per_frame: 8,
+        ..default()
+    };
+    let mut kernels = Kernels::start(settings, UVec2::new(96, 64));
+    // A terrain that is moved, turned and scaled is culled in its own space.
+    let placed = Transform::from_xyz(-300.0, 50.0, 900.0)
+        .with_rotation(Quat::from_euler(EulerRot::YXZ, 0.6, 0.05, -0.04))
+        .with_scale(Vec3::splat(0.7));
+    let terrain = kernels.terrain;
+    kernels.app.world_mut().entity_mut(terrain).insert(placed);
+
+    let mut random = Random(23);
+    let (mut dropped_count, mut kept_count) = (0, 0);
+    for n in 0..40 {
+        let place = placed.transform_point(Vec3::new(
+            random.unit() * 30e3,
+            250.0 + random.unit() * 2000.0,
+            random.unit() * 30e3,
+        ));
+        let towards = Vec3::new(random.unit() - 0.5, random.unit() * 0.8 - 0.7, random.unit() - 0.5);
+        let eye = Transform::from_translation(place).looking_to(towards, Vec3::Y);
+        kernels.set_camera(eye, TerrainCamera::default());
+        let frame = kernels.frame();
+        let world = kernels.app.world();
+        let state = kernels.state();
+        let view = *world
+            .get::<TerrainViews>(kernels.camera)
+            .unwrap()
+            .of(terrain)
+            .unwrap();
+        let frustum = world.get::<Frustum>(kernels.camera).unwrap();
+        let far = ViewFrustum::FAR_PLANE_IDX;
+        let volume = LocalVolume::new(frustum, &view.world_from_local, Some(far));
+        let mut seen = Vec::new();
+        select_seen(state, &view.lod, &[volume], &mut seen);
+        let seen: HashSet<_> = seen.into_iter().collect();
+        let twin = frame.twin(state);
+        let unit_m = state.lattice().unit_m(state.manifest().file.spacing_m);
+        kept_count += seen.len();
+        for node in frame.nodes.iter().filter(|node| !seen.contains(node)) {
+            dropped_count += 1;
+            // All on the outer side of one plane: then no triangle crosses the frustum either.
+            let vertices: Vec<_> = twin
+                .build(std::slice::from_ref(node))
+                .vertices
+                .iter()
+                .map(|vertex| {
+                    let plane = vertex.point.as_dvec2() * unit_m;
+                    let local =
+                        bevy::math::DVec3::new(plane.x, f64::from(vertex.height_m), plane.y);
+                    view.world_from_local.transform_point3(local)
+                })
+                .collect();
+            let outside = frustum.half_spaces[..far].iter().any(|plane| {
+                let plane = plane.normal_d().as_dvec4();
+                vertices
+                    .iter()
+                    .all(|vertex| plane.truncate().dot(*vertex) + plane.w < 0.0)
+            });
+            assert!(outside, "eye {n}: {node:?} was dropped and may be seen");
+        }
+    }
+    assert!(dropped_count > 100, "only {dropped_count} nodes were dropped at all");
+    assert!(kept_count > 100, "only {kept_count} nodes were kept at all");
+}
