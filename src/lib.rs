@@ -1,4 +1,73 @@
-//! Terrain for Bevy games that spends triangles where the ground is interesting.
+//! Terrain for [Bevy] games: height maps baked into tiles, tiles streamed around the cameras, and
+//! compute passes that cut the ground into triangles, finely near the eye and coarsely far away,
+//! without a crack in between. Bevy's own renderer lights it.
+//!
+//! # Quick start
+//! Bake a height map with the tool that comes with this crate,
+//!
+//! ```sh
+//! tessera bake alps.tif --out assets/terrains/alps
+//! ```
+//!
+//! then spawn a [`Terrain`](terrain::Terrain) and a camera with a
+//! [`TerrainCamera`](terrain::TerrainCamera):
+//!
+#![cfg_attr(feature = "render", doc = "```no_run")]
+#![cfg_attr(not(feature = "render"), doc = "```ignore")]
+//! use bevy::prelude::*;
+//! use bevy_tessera::TerrainPlugins;
+//! use bevy_tessera::terrain::{Terrain, TerrainCamera};
+//!
+//! fn main() -> AppExit {
+//!     App::new().add_plugins((DefaultPlugins, TerrainPlugins)).add_systems(Startup, setup).run()
+//! }
+//!
+//! fn setup(mut commands: Commands, assets: Res<AssetServer>) {
+//!     commands.spawn(Terrain::new(assets.load("terrains/alps/terrain.ron")));
+//!     let eye = Transform::from_xyz(2000.0, 1500.0, 2000.0);
+//!     commands.spawn((Camera3d::default(), TerrainCamera::default(), eye));
+//!     commands.spawn((DirectionalLight::default(), eye.looking_at(Vec3::ZERO, Vec3::Y)));
+//! }
+//! ```
+//!
+//! # Table of contents
+//! | module | what it holds | feature |
+//! |---|---|---|
+//! | [`terrain`] | the component and its settings, what opts a camera in, events, the manifest | |
+//! | [`tile`] | tile addresses, heights, densities, the index, their file format | |
+//! | [`bake`] | height maps to terrains; readers of file formats in `bake::import` | (`import`) |
+//! | [`lattice`] | the integer grid, level of detail, morph, selection, the residency field | |
+//! | [`tessellate`] | edge factors, partitioning, the CPU twin of the compute passes | |
+//! | [`stream`] | which tiles are resident, and the entities that stand for them | `ecs` |
+//! | [`view`] | what each camera's level of detail follows from | `ecs` |
+//! | [`render`] | culling, compute passes, draws, [materials](render::TerrainMaterial) | `render` |
+//!
+//! [`TerrainPlugins`] holds it all. Systems that a game may order its own against are in
+//! [`TerrainSystems`](terrain::TerrainSystems),
+//! [`TerrainRenderSystems`](render::TerrainRenderSystems) and
+//! [`TerrainPass`](render::TerrainPass).
+//!
+//! # Units
+//! Metres, with y up. The terrain's first sample lies at its entity's transform; samples run along
+//! local x and z. Names say their unit (`_m`, `_px`, `_s`). Levels count up from the finest tiles
+//! at 0; each has half the samples a side of the one below it.
+//!
+//! # Cargo features
+//! | feature | adds | default |
+//! |---|---|---|
+//! | `render` | drawing; implies `ecs` | yes |
+//! | `ecs` | terrains as entities and assets, without a renderer | |
+//! | `import` | readers of PNG, TIFF, OpenEXR, SRTM and raw height maps | |
+//! | `cli` | the tool `tessera`; implies `import` | |
+//! | `examples` | what the examples need of Bevy: a window, a fly camera, pictures | |
+//!
+//! With none of them the core is left, which depends on no part of Bevy.
+//!
+//! # What it does not do yet
+//! Densities are baked and streamed, but do not scale the tessellation. The ground can't be changed
+//! or asked for its height, and has no colliders.
+//!
+//! [Bevy]: https://bevy.org
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
 
@@ -18,3 +87,8 @@ pub mod view;
 mod plugins;
 #[cfg(feature = "ecs")]
 pub use plugins::TerrainPlugins;
+
+/// The code in the README compiles.
+#[cfg(all(doctest, feature = "render"))]
+#[doc = include_str!("../README.md")]
+struct Readme;

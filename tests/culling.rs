@@ -5,7 +5,7 @@ mod common;
 use bevy::camera::primitives::Frustum;
 use bevy::math::primitives::ViewFrustum;
 use bevy::prelude::*;
-use bevy_tessera::render::{LocalVolume, select_seen};
+use bevy_tessera::render::{LocalVolume, TileHeightBounds, select_seen};
 use bevy_tessera::terrain::{TerrainCamera, TerrainSettings};
 use bevy_tessera::view::TerrainViews;
 use common::gpu::Kernels;
@@ -51,7 +51,8 @@ fn no_dropped_node_reaches_into_the_frustum() {
         let far = ViewFrustum::FAR_PLANE_IDX;
         let volume = LocalVolume::new(frustum, &view.world_from_local, Some(far));
         let mut seen = Vec::new();
-        select_seen(state, &view.lod, &[volume], &mut seen);
+        let bounds = TileHeightBounds::new(state.manifest());
+        select_seen(state, &bounds, &view.lod, &[volume], &mut seen);
         let seen: HashSet<_> = seen.into_iter().collect();
         let twin = frame.twin(state);
         let unit_m = state.lattice().unit_m(state.manifest().file.spacing_m);

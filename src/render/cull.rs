@@ -2,14 +2,15 @@
 
 use crate::lattice::{Lattice, Node, NodeBounds, ViewLod};
 use crate::stream::TerrainState;
-use crate::terrain::Terrain;
-use crate::tile::{TILE_SAMPLES, TileAddress, TileRange};
+use crate::terrain::{Terrain, TerrainManifest};
+use crate::tile::{TileAddress, TileRange};
 use crate::view::TerrainViews;
 use bevy::camera::primitives::{CascadesFrusta, CubemapFrusta, Frustum};
 use bevy::ecs::entity::EntityHashMap;
 use bevy::math::primitives::ViewFrustum;
-use bevy::math::{DAffine3, DVec3};
+use bevy::math::DAffine3;
 use bevy::prelude::*;
+use std::sync::Arc;
 
 /// The nodes that a camera draws of each terrain in this frame.
 ///
@@ -60,11 +61,83 @@ impl LocalVolume {
     }
 }
 
-/// The box, in metres, that holds every point that can be drawn of a node.
+/// For every tile the metres of height that anything drawn on its square may have.
+///
+/// A height read at level `l` is a mean of samples less than two of that level's spacings away;
+/// the tiles around a tile of level `l` or `l - 1` hold them all. Eight bytes a tile, worked out
+/// once a terrain.
+#[derive(Clone, Debug)]
+pub struct TileHeightBounds {
+    levels: Vec<LevelBounds>,
+}
+
+#[derive(Clone, Debug)]
+struct LevelBounds {
+    tiles: [u32; 2],
+    /// Lowest and highest height, row by row.
+    heights_m: Vec<[f32; 2]>,
+}
+
+impl TileHeightBounds {
+    /// The bounds of all tiles of a terrain.
+    #[must_use]
+    pub fn new(manifest: &TerrainManifest) -> Self {
+        let file = &manifest.file;
+        let root = file.levels.saturating_sub(1);
+        let own = |mut address: TileAddress| loop {
+            // What isn't stored is drawn from its ancestor.
+            if let Some(range) = manifest.index.get(address) {
+                return range;
+            }
+            if address.level >= root {
+                return TileRange {
+                    min: 0,
+                    max: u16::MAX,
+                };
+            }
+            address = address.parent();
+        };
+        let levels = (0..file.levels)
+            .map(|level| {
+                let tiles = file.tiles(level);
+                let [across, down] = tiles;
+                let around = |place: u32, count: u32| {
+                    place.saturating_sub(1)..(place + 2).min(count)
+                };
+                let heights_m = (0..down)
+                    .flat_map(|z| (0..across).map(move |x| (x, z)))
+                    .map(|(x, z)| {
+                        let mut range = own(TileAddress::new(level, x, z));
+                        for near_z in around(z, down) {
+                            for near_x in around(x, across) {
+                                let near = own(TileAddress::new(level, near_x, near_z));
+                                range.min = range.min.min(near.min);
+                                range.max = range.max.max(near.max);
+                            }
+                        }
+                        [range.min, range.max].map(|height| file.height_m(height) as f32)
+                    })
+                    .collect();
+                LevelBounds { tiles, heights_m }
+            })
+            .collect();
+        Self { levels }
+    }
+
+    fn get(&self, level: usize, tile: IVec2) -> [f32; 2] {
+        let level = &self.levels[level];
+        let [across, down] = level.tiles;
+        let x = tile.x.cast_unsigned().min(across - 1);
+        let z = tile.y.cast_unsigned().min(down - 1);
+        level.heights_m[(z * across + x) as usize]
+    }
+}
+
+/// The box, in metres, that holds every point that can be drawn of a node in this frame.
 pub struct NodeBox<'a> {
-    state: &'a TerrainState,
+    bounds: &'a TileHeightBounds,
     lattice: &'a Lattice,
-    unit_m: f64,
+    unit_m: f32,
     /// Heights may be read at this level and the next wherever the node is.
     coarsest_read: i32,
 }
@@ -72,73 +145,30 @@ pub struct NodeBox<'a> {
 impl<'a> NodeBox<'a> {
     /// Boxes of the terrain whose state this is, in this frame.
     #[must_use]
-    pub fn new(state: &'a TerrainState) -> Self {
+    pub fn new(state: &'a TerrainState, bounds: &'a TileHeightBounds) -> Self {
         let lattice = state.lattice();
-        let file = &state.manifest().file;
         let most = state.field().corners.iter().copied().max().unwrap_or(0);
         Self {
-            state,
+            bounds,
             lattice,
-            unit_m: lattice.unit_m(file.spacing_m),
+            unit_m: lattice.unit_m(state.manifest().file.spacing_m) as f32,
             coarsest_read: i32::from(most.div_ceil(256)) - 1,
         }
     }
 
     /// The box of the part `bounds` of `node`.
-    ///
-    /// A height read at level `l` is a mean of samples less than two of that level's spacings
-    /// away; the level's tiles around the node's hold them all.
     #[must_use]
     pub fn of(&self, node: &Node, bounds: &NodeBounds) -> (Vec3, Vec3) {
-        let manifest = self.state.manifest();
-        let root = self.lattice.root_level;
-        let level = node.level.max(self.coarsest_read).clamp(0, root);
+        let level = node.level.max(self.coarsest_read);
+        let level = level.clamp(0, self.lattice.root_level);
         let log2 = self.lattice.node_log2(level);
         let tile = bounds.low >> IVec2::splat(log2.cast_signed());
-        let mut range: Option<TileRange> = None;
-        for dz in -1..=1 {
-            for dx in -1..=1 {
-                let place = tile + IVec2::new(dx, dz);
-                if place.cmplt(IVec2::ZERO).any() {
-                    continue;
-                }
-                let mut address = TileAddress::new(
-                    level.unsigned_abs() as u8,
-                    place.x.cast_unsigned(),
-                    place.y.cast_unsigned(),
-                );
-                let tiles = manifest.file.tiles(address.level);
-                if address.x >= tiles[0] || address.z >= tiles[1] {
-                    continue;
-                }
-                // What isn't stored is drawn from its ancestor.
-                let found = loop {
-                    if let Some(found) = manifest.index.get(address) {
-                        break Some(found);
-                    }
-                    if i32::from(address.level) >= root {
-                        break None;
-                    }
-                    address = address.parent();
-                };
-                if let Some(found) = found {
-                    let wide = range.get_or_insert(found);
-                    wide.min = wide.min.min(found.min);
-                    wide.max = wide.max.max(found.max);
-                }
-            }
-        }
-        let range = range.unwrap_or(TileRange {
-            min: 0,
-            max: u16::MAX,
-        });
-        let corner = |point: IVec2, height: u16| {
-            let plane = point.as_dvec2() * self.unit_m;
-            DVec3::new(plane.x, manifest.file.height_m(height), plane.y).as_vec3()
-        };
+        let [lowest, highest] = self.bounds.get(level.unsigned_abs() as usize, tile);
+        let low = bounds.low.as_vec2() * self.unit_m;
+        let high = bounds.high.as_vec2() * self.unit_m;
         (
-            corner(bounds.low, range.min),
-            corner(bounds.high, range.max),
+            Vec3::new(low.x, lowest, low.y),
+            Vec3::new(high.x, highest, high.y),
         )
     }
 }
@@ -146,11 +176,12 @@ impl<'a> NodeBox<'a> {
 /// Nodes of `lod` that at least one of `volumes` may see, appended to `nodes`.
 pub fn select_seen(
     state: &TerrainState,
+    bounds: &TileHeightBounds,
     lod: &ViewLod,
     volumes: &[LocalVolume],
     nodes: &mut Vec<Node>,
 ) {
-    let boxes = NodeBox::new(state);
+    let boxes = NodeBox::new(state, bounds);
     lod.select(
         state.lattice(),
         &mut |node, bounds| {
@@ -170,7 +201,9 @@ pub(super) fn cull_nodes(
     points: Query<(&PointLight, &CubemapFrusta)>,
     spots: Query<(&SpotLight, &Frustum), Without<TerrainViews>>,
     mut volumes: Local<Vec<LocalVolume>>,
+    mut bounds: Local<EntityHashMap<(Arc<TerrainManifest>, TileHeightBounds)>>,
 ) {
+    bounds.retain(|terrain, _| terrains.contains(*terrain));
     for (camera, views, frustum, mut drawn) in &mut cameras {
         drawn
             .nodes
@@ -210,11 +243,16 @@ pub(super) fn cull_nodes(
                     push(frustum, None);
                 }
             }
-            select_seen(state, &view.lod, &volumes, nodes);
+            let manifest = state.manifest();
+            let (known, tile_bounds) = bounds
+                .entry(view.terrain)
+                .or_insert_with(|| (manifest.clone(), TileHeightBounds::new(manifest)));
+            if !Arc::ptr_eq(known, manifest) {
+                *known = manifest.clone();
+                *tile_bounds = TileHeightBounds::new(manifest);
+            }
+            select_seen(state, tile_bounds, &view.lod, &volumes, nodes);
             volumes.clear();
         }
     }
 }
-
-/// Lattice units a tile of level 0 is long; nodes and tiles of a level are the same square.
-const _: () = assert!(TILE_SAMPLES.is_power_of_two());

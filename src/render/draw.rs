@@ -306,15 +306,16 @@ pub(super) fn queue_terrains(
         // A cascade belongs to a camera. Point and spot shadows are shared by all: they take the
         // mesh of the first, whichever that is, the same every frame.
         let of_camera = view.retained_view_entity.auxiliary_entity;
-        let mut casters: HashMap<MainEntity, MainEntity> = HashMap::default();
         for &(camera, terrain) in meshes.meshes.keys() {
-            if directional && camera != of_camera {
+            let casts = if directional {
+                camera == of_camera
+            } else {
+                let mut others = meshes.meshes.keys().filter(|(_, other)| *other == terrain);
+                others.all(|(other, _)| camera <= *other)
+            };
+            if !casts {
                 continue;
             }
-            let first = casters.entry(terrain).or_insert(camera);
-            *first = (*first).min(camera);
-        }
-        for (terrain, camera) in casters {
             queue(TerrainDrawKind::Shadow, key, view, camera, terrain);
         }
     }

@@ -54,6 +54,8 @@ pub(super) struct ExtractedView {
 pub(super) struct ExtractedTerrains {
     pub(super) terrains: HashMap<MainEntity, ExtractedTerrain>,
     pub(super) views: Vec<ExtractedView>,
+    /// Lists of nodes to be filled again.
+    spare_nodes: Vec<Vec<GpuTerrainNode>>,
 }
 
 /// What the GPU's copies are copies of. Made anew with the device, so that a recovered one is
@@ -70,6 +72,8 @@ struct Uploaded {
     capacity: u32,
     pages_version: u64,
     field_version: u64,
+    /// A tile is resident whose heights could not be taken yet.
+    incomplete: bool,
     /// What each page holds.
     pages: Vec<Option<(TileAddress, AssetId<HeightTile>)>>,
     world_from_local: Option<DAffine3>,
@@ -97,9 +101,10 @@ pub(super) fn extract_terrains(
     let ExtractedTerrains {
         terrains: out,
         views: views_out,
+        spare_nodes,
     } = &mut *extracted;
     out.clear();
-    views_out.clear();
+    spare_nodes.extend(views_out.drain(..).map(|view| view.nodes));
     uploaded
         .terrains
         .retain(|terrain, _| terrains.contains(*terrain));
@@ -120,7 +125,10 @@ pub(super) fn extract_terrains(
             };
         }
         let mut uploads = Vec::new();
-        for tile in tile_entities.iter() {
+        let mut incomplete = false;
+        let pages_changed = known.pages_version != state.pages_version();
+        let look = pages_changed || known.incomplete;
+        for tile in tile_entities.iter().filter(|_| look) {
             let Ok((address, handle, page)) = tiles.get(tile) else {
                 continue;
             };
@@ -129,6 +137,7 @@ pub(super) fn extract_terrains(
                 continue;
             }
             let Some(tile) = heights.get(handle.id()) else {
+                incomplete = true;
                 continue;
             };
             *slot = Some((*address, handle.id()));
@@ -138,7 +147,10 @@ pub(super) fn extract_terrains(
                 heights: tile.clone(),
             });
         }
-        let pages = (known.pages_version != state.pages_version()).then(|| {
+        if look {
+            known.incomplete = incomplete;
+        }
+        let pages = pages_changed.then(|| {
             known.pages_version = state.pages_version();
             state.pages().flat().to_vec()
         });
@@ -194,12 +206,15 @@ pub(super) fn extract_terrains(
                     [state.pages().level_offset(level), across, down, 0];
             }
             let draw = terrain_draw(view, state, &factors, &previous, &gpu_view);
+            let mut gpu_nodes = spare_nodes.pop().unwrap_or_default();
+            gpu_nodes.clear();
+            gpu_nodes.extend(nodes.iter().copied().map(GpuTerrainNode::from));
             views_out.push(ExtractedView {
                 camera: entity.into(),
                 terrain: view.terrain.into(),
                 view: gpu_view,
                 draw,
-                nodes: nodes.iter().copied().map(GpuTerrainNode::from).collect(),
+                nodes: gpu_nodes,
                 max_vertices: settings.max_vertices,
             });
         }

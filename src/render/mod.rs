@@ -18,7 +18,7 @@ mod passes;
 mod pipelines;
 mod prepare;
 
-pub use cull::{LocalVolume, NodeBox, TerrainNodes, select_seen};
+pub use cull::{LocalVolume, NodeBox, TerrainNodes, TileHeightBounds, select_seen};
 pub use extract::factor_view;
 pub use gpu_types::{
     GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
@@ -42,13 +42,20 @@ use bevy::render::renderer::{RenderGraph, RenderGraphSystems};
 use bevy::render::{ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 use bevy::shader::load_shader_library;
 
-/// What terrains do in `PostUpdate` to be drawn.
+/// What terrains do to be drawn, besides the passes ([`TerrainPass`]).
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum TerrainRenderSystems {
-    /// [`TerrainNodes`] of all cameras are selected and culled, after
+    /// In `PostUpdate`: [`TerrainNodes`] of all cameras are selected and culled, after
     /// [`TerrainSystems::Stream`] and after cameras' and lights' frusta. Order after it whatever
     /// reads them.
     Cull,
+    /// In the render world's `ExtractSchedule`: what changed is told to the render world.
+    Extract,
+    /// In its `Render` schedule: pages are uploaded, buffers grow, bind groups are made. Meshes of
+    /// this frame are in [`GpuTerrainMeshes`] after it.
+    Prepare,
+    /// In its `Render` schedule: terrains are put into the phases of all views.
+    Queue,
 }
 
 /// The compute passes, in order, each a system in Bevy's `RenderGraph` schedule before
@@ -139,15 +146,25 @@ impl Plugin for TerrainRenderPlugin {
                 RenderStartup,
                 pipelines::init_terrain_pipelines.after(init_prepass_pipeline),
             )
-            .add_systems(ExtractSchedule, extract::extract_terrains)
-            .add_systems(
+            .configure_sets(
                 Render,
                 (
                     // Before queueing, which asks for the meshes of this frame.
+                    TerrainRenderSystems::Prepare.in_set(RenderSystems::PrepareAssets),
+                    TerrainRenderSystems::Queue.in_set(RenderSystems::Queue),
+                ),
+            )
+            .add_systems(
+                ExtractSchedule,
+                extract::extract_terrains.in_set(TerrainRenderSystems::Extract),
+            )
+            .add_systems(
+                Render,
+                (
                     (prepare::prepare_terrains, prepare::prepare_meshes)
                         .chain()
-                        .in_set(RenderSystems::PrepareAssets),
-                    draw::queue_terrains.in_set(RenderSystems::Queue),
+                        .in_set(TerrainRenderSystems::Prepare),
+                    draw::queue_terrains.in_set(TerrainRenderSystems::Queue),
                 ),
             )
             .configure_sets(
