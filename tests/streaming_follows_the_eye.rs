@@ -12,7 +12,7 @@ use bevy_tessera::stream::{
 use bevy_tessera::terrain::{Terrain, TerrainCamera, TerrainManifest, TerrainSettings};
 use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress};
 use bevy_tessera::view::TerrainViews;
-use streaming_support::{World3, logged};
+use streaming_support::{World3, logged, write_terrain};
 
 const SIZE: [u32; 2] = [1800, 1400];
 const LEAF_M: f32 = 256.0;
@@ -309,8 +309,10 @@ fn several_terrains_are_apart() {
 #[test]
 fn another_asset_source_will_do() {
     let mut world = World3::new([300, 300]);
+    // Of the app's two sources only this one has a terrain of that name.
+    write_terrain(&world.dir.path().join("elsewhere/andes"), [300, 300]);
     let server = world.app.world().resource::<AssetServer>();
-    let manifest = server.load("worlds://alps/terrain.ron");
+    let manifest = server.load("worlds://andes/terrain.ron");
     let terrain = world.app.world_mut().spawn(Terrain::new(manifest)).id();
     world.app.world_mut().spawn(camera(100.0, 100.0));
     world.settle(terrain);

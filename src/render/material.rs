@@ -47,8 +47,8 @@ impl Default for TerrainMaterial {
     fn default() -> Self {
         let mut parameters = [Vec4::ZERO; 8];
         parameters[0] = Vec4::new(0.105, 0.125, 0.065, 1.0);
-        parameters[1] = Vec4::new(0.19, 0.18, 0.165, 1.0);
-        parameters[2] = Vec4::new(0.06, 0.22, 0.0, 0.0);
+        parameters[1] = Vec4::new(0.16, 0.15, 0.135, 1.0);
+        parameters[2] = Vec4::new(0.08, 0.25, 0.0, 0.0);
         Self {
             shader: None,
             parameters,

@@ -247,15 +247,16 @@ impl World3 {
 pub fn app(assets: &Path) -> App {
     listen();
     let mut app = App::new();
-    let path = assets.to_str().expect("a readable path").to_owned();
+    let text = |path: &Path| path.to_str().expect("a readable path").to_owned();
+    let elsewhere = text(&assets.join("elsewhere"));
     app.add_plugins(MinimalPlugins.set(ScheduleRunnerPlugin::run_once()))
         .add_plugins(TransformPlugin)
         .register_asset_source(
             "worlds",
-            bevy::asset::io::AssetSourceBuilder::platform_default(&path, None),
+            bevy::asset::io::AssetSourceBuilder::platform_default(&elsewhere, None),
         )
         .add_plugins(AssetPlugin {
-            file_path: path,
+            file_path: text(assets),
             ..default()
         })
         .add_plugins(TerrainPlugin)
