@@ -203,6 +203,7 @@ pub(super) fn cull_nodes(
     mut volumes: Local<Vec<LocalVolume>>,
     mut bounds: Local<EntityHashMap<(Arc<TerrainManifest>, TileHeightBounds)>>,
 ) {
+    let _span = bevy::log::debug_span!("terrain_cull").entered();
     bounds.retain(|terrain, _| terrains.contains(*terrain));
     for (camera, views, frustum, mut drawn) in &mut cameras {
         drawn

@@ -243,6 +243,7 @@ pub(super) fn queue_terrains(
     cameras: CameraViews,
     shadow_views: Query<(&LightEntity, &ExtractedView)>,
 ) {
+    let _span = bevy::log::debug_span!("terrain_queue").entered();
     let TerrainDraws { cameras: drawn_by, queued } = &mut *draws;
     drawn_by.clear();
     for (kind, view, terrain) in queued.drain(..) {

@@ -68,8 +68,7 @@ pub(super) struct UploadedTerrains {
 #[derive(Default)]
 struct Uploaded {
     /// The state that this is a copy of: two insertions of the component differ in their tables.
-    manifest: Option<AssetId<crate::terrain::TerrainManifest>>,
-    capacity: u32,
+    instance: Option<u64>,
     pages_version: u64,
     field_version: u64,
     /// A tile is resident whose heights could not be taken yet.
@@ -87,8 +86,6 @@ pub(super) fn extract_terrains(
             &TerrainState,
             &TerrainTiles,
             Option<&TerrainMaterial>,
-            &GlobalTransform,
-            &crate::terrain::Terrain,
         )>,
     >,
     tiles: Extract<Query<(&TileAddress, &TileHeights, &TilePage)>>,
@@ -98,6 +95,7 @@ pub(super) fn extract_terrains(
     mut extracted: ResMut<ExtractedTerrains>,
     mut uploaded: ResMut<UploadedTerrains>,
 ) {
+    let _span = bevy::log::debug_span!("terrain_extract").entered();
     let ExtractedTerrains {
         terrains: out,
         views: views_out,
@@ -109,16 +107,11 @@ pub(super) fn extract_terrains(
         .terrains
         .retain(|terrain, _| terrains.contains(*terrain));
 
-    for (entity, state, tile_entities, material, _, terrain) in &terrains {
+    for (entity, state, tile_entities, material) in &terrains {
         let known = uploaded.terrains.entry(entity).or_default();
-        let manifest = terrain.manifest.id();
-        if known.manifest != Some(manifest)
-            || known.capacity != state.capacity()
-            || known.pages_version > state.pages_version()
-        {
+        if known.instance != Some(state.instance()) {
             *known = Uploaded {
-                manifest: Some(manifest),
-                capacity: state.capacity(),
+                instance: Some(state.instance()),
                 pages: vec![None; state.capacity() as usize],
                 world_from_local: known.world_from_local,
                 ..default()

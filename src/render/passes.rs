@@ -41,6 +41,7 @@ fn run(
     if meshes.meshes.is_empty() {
         return;
     }
+    let _span = bevy::log::debug_span!("terrain_pass", pass = pass.kind.label()).entered();
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let label = pass.kind.label();

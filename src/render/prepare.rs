@@ -484,6 +484,7 @@ pub(super) fn prepare_terrains(
     pipelines: Res<TerrainPipelines>,
     mut scratch: Local<Vec<[f16; 2]>>,
 ) {
+    let _span = bevy::log::debug_span!("terrain_prepare_pages").entered();
     terrains
         .terrains
         .retain(|entity, _| extracted.terrains.contains_key(entity));
@@ -545,6 +546,7 @@ pub(super) fn prepare_meshes(
     cache: Res<PipelineCache>,
     pipelines: Res<TerrainPipelines>,
 ) {
+    let _span = bevy::log::debug_span!("terrain_prepare_meshes").entered();
     for mesh in meshes.meshes.values_mut() {
         mesh.seen = false;
     }

@@ -160,6 +160,7 @@ pub(crate) fn stream_tiles(
     densities: Res<Assets<DensityTile>>,
     mut commands: Commands,
 ) {
+    let _span = bevy::log::debug_span!("terrain_stream").entered();
     for (entity, mut state, settings) in &mut terrains {
         let state = &mut *state;
         if settings.is_changed() && state.raw_settings != *settings {

@@ -35,8 +35,8 @@ pub struct TerrainCamera {
     /// How real factors become whole segments.
     pub partitioning: Partitioning,
     /// The most vertices that this camera's view may have, 1024 to 2²⁴. Where it wants more, all
-    /// factors of the view are lowered together until they fit. A vertex takes 32 bytes of GPU
-    /// memory or less.
+    /// factors of the view are lowered together until they fit. A vertex takes 40 bytes of GPU
+    /// memory, its triangles included.
     pub max_vertices: u32,
 }
 

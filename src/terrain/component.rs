@@ -54,8 +54,8 @@ pub struct TerrainSettings {
     /// Control faces along a node's side, a power of two from 2 to 32. More faces follow the
     /// density map more closely; they cost GPU time whether or not they are cut up.
     pub faces_per_side: u32,
-    /// The most tiles that are resident at once, 1 to 65 536. A page takes about 110 KiB of
-    /// memory on the GPU and 38 KiB on the CPU. Where a view wants more tiles than that, the
+    /// The most tiles that are resident at once, 1 to 16 384 (WebGPU's 256 texture layers of 64
+    /// pages). A page takes 104 KiB of memory on the GPU and 36 KiB on the CPU. Where a view wants more tiles than that, the
     /// farthest of the finest are left out.
     pub page_capacity: u32,
     /// The most tiles that are read at once, 1 to 1024.
@@ -117,7 +117,7 @@ impl TerrainSettings {
         let page_capacity = count(
             "page_capacity",
             self.page_capacity,
-            1 << 16,
+            1 << 14,
             default.page_capacity,
         );
         let loads_in_flight = count(

@@ -131,6 +131,7 @@ pub(crate) fn update_views(
     terrains: Query<(Entity, &TerrainState, &GlobalTransform), With<Terrain>>,
     mut warned: Local<EntityHashSet>,
 ) {
+    let _span = bevy::log::debug_span!("terrain_views").entered();
     if !warned.is_empty() {
         warned.retain(|terrain| terrains.contains(*terrain));
     }

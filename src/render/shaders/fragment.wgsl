@@ -1,51 +1,52 @@
 // The end of every terrain material: appended to the WGSL that defines `terrain_material`.
 
-#import bevy_tessera::surface::{terrain_draw, terrain_normal}
-#import bevy_tessera::vertex_io::TerrainVertexOutput
-#import bevy_pbr::{
-    mesh_types::MESH_FLAGS_SHADOW_RECEIVER_BIT,
-    mesh_view_bindings::view,
-    pbr_functions::calculate_view,
-    pbr_types::{pbr_input_new, STANDARD_MATERIAL_FLAGS_FOG_ENABLED_BIT},
-}
+// Everything is imported by module and under a name of its own: what a game's module imports, and
+// how it calls it, must not meet what is imported here.
+
+#import bevy_tessera::surface as terrain_surface_module
+#import bevy_tessera::vertex_io as terrain_vertex_module
+#import bevy_pbr::mesh_types as terrain_mesh_types
+#import bevy_pbr::mesh_view_bindings as terrain_view_bindings
+#import bevy_pbr::pbr_functions as terrain_pbr_functions
+#import bevy_pbr::pbr_types as terrain_pbr_types
 #ifdef PREPASS_PIPELINE
 #ifdef DEFERRED_PREPASS
-#import bevy_pbr::pbr_deferred_functions::deferred_gbuffer_from_pbr_input
+#import bevy_pbr::pbr_deferred_functions as terrain_deferred_functions
 #endif
 #ifdef MOTION_VECTOR_PREPASS
-#import bevy_pbr::pbr_prepass_functions::calculate_motion_vector
+#import bevy_pbr::pbr_prepass_functions as terrain_prepass_functions
 #endif
 #else
-#import bevy_pbr::pbr_functions::{apply_pbr_lighting, main_pass_post_lighting_processing}
-#import bevy_pbr::pbr_types::STANDARD_MATERIAL_FLAGS_UNLIT_BIT
 #ifdef SCREEN_SPACE_AMBIENT_OCCLUSION
-#import bevy_pbr::mesh_view_bindings::screen_space_ambient_occlusion_texture
-#import bevy_pbr::ssao_utils::ssao_multibounce
-#import bevy_pbr::lighting::perceptualRoughnessToRoughness
+#import bevy_pbr::ssao_utils as terrain_ssao_utils
+#import bevy_pbr::lighting as terrain_lighting
 #endif
 #endif
 
-fn terrain_pbr_input(in: TerrainVertexOutput) -> PbrInput {
-    var surface: TerrainSurface;
-    let local_normal = terrain_normal(in.plane_from_eye_m, in.lambda);
+fn terrain_pbr_input(
+    in: terrain_vertex_module::TerrainVertexOutput,
+) -> terrain_pbr_types::PbrInput {
+    let world_from_eye = terrain_surface_module::terrain_draw.world_from_eye;
+    var surface: terrain_surface_module::TerrainSurface;
+    let local_normal = terrain_surface_module::terrain_normal(in.plane_from_eye_m, in.lambda);
     surface.world_position = in.world_position;
-    let plane = terrain_draw.eye_local_m + in.plane_from_eye_m;
+    let plane = terrain_surface_module::terrain_draw.eye_local_m + in.plane_from_eye_m;
     surface.local_position = vec3(plane.x, in.height_m, plane.y);
     surface.height_m = in.height_m;
     surface.slope = 1.0 - local_normal.y;
-    surface.normal = normalize((terrain_draw.world_from_eye * vec4(local_normal, 0.0)).xyz);
+    surface.normal = normalize((world_from_eye * vec4(local_normal, 0.0)).xyz);
     surface.frag_coord = in.position;
 
-    var pbr = pbr_input_new();
-    pbr.flags = MESH_FLAGS_SHADOW_RECEIVER_BIT;
-    pbr.material.flags |= STANDARD_MATERIAL_FLAGS_FOG_ENABLED_BIT;
+    var pbr = terrain_pbr_types::pbr_input_new();
+    pbr.flags = terrain_mesh_types::MESH_FLAGS_SHADOW_RECEIVER_BIT;
+    pbr.material.flags |= terrain_pbr_types::STANDARD_MATERIAL_FLAGS_FOG_ENABLED_BIT;
     pbr.frag_coord = in.position;
     pbr.world_position = vec4(in.world_position, 1.0);
     pbr.world_normal = surface.normal;
     pbr.N = surface.normal;
     pbr.clearcoat_N = surface.normal;
-    pbr.is_orthographic = view.clip_from_view[3].w == 1.0;
-    pbr.V = calculate_view(pbr.world_position, pbr.is_orthographic);
+    pbr.is_orthographic = terrain_view_bindings::view.clip_from_view[3].w == 1.0;
+    pbr.V = terrain_pbr_functions::calculate_view(pbr.world_position, pbr.is_orthographic);
     return terrain_material(surface, pbr);
 }
 
@@ -69,7 +70,7 @@ struct TerrainPrepassOutput {
 
 #ifdef PREPASS_FRAGMENT
 @fragment
-fn fragment(in: TerrainVertexOutput) -> TerrainPrepassOutput {
+fn fragment(in: terrain_vertex_module::TerrainVertexOutput) -> TerrainPrepassOutput {
     var out: TerrainPrepassOutput;
 #ifdef TERRAIN_READS_MATERIAL
     let pbr = terrain_pbr_input(in);
@@ -77,12 +78,12 @@ fn fragment(in: TerrainVertexOutput) -> TerrainPrepassOutput {
     out.normal = vec4(pbr.N * 0.5 + vec3(0.5), 1.0);
 #endif
 #ifdef DEFERRED_PREPASS
-    out.deferred = deferred_gbuffer_from_pbr_input(pbr);
+    out.deferred = terrain_deferred_functions::deferred_gbuffer_from_pbr_input(pbr);
     out.deferred_lighting_pass_id = pbr.material.deferred_lighting_pass_id;
 #endif
 #endif
 #ifdef MOTION_VECTOR_PREPASS
-    out.motion_vector = calculate_motion_vector(
+    out.motion_vector = terrain_prepass_functions::calculate_motion_vector(
         vec4(in.world_position, 1.0),
         vec4(in.previous_world_position, 1.0),
     );
@@ -97,27 +98,29 @@ fn fragment(in: TerrainVertexOutput) -> TerrainPrepassOutput {
 #else
 
 @fragment
-fn fragment(in: TerrainVertexOutput) -> @location(0) vec4<f32> {
+fn fragment(in: terrain_vertex_module::TerrainVertexOutput) -> @location(0) vec4<f32> {
     var pbr = terrain_pbr_input(in);
     var color = pbr.material.base_color;
-    if (pbr.material.flags & STANDARD_MATERIAL_FLAGS_UNLIT_BIT) == 0u {
+    if (pbr.material.flags & terrain_pbr_types::STANDARD_MATERIAL_FLAGS_UNLIT_BIT) == 0u {
 #ifdef SCREEN_SPACE_AMBIENT_OCCLUSION
         let ssao = textureLoad(
-            screen_space_ambient_occlusion_texture,
+            terrain_view_bindings::screen_space_ambient_occlusion_texture,
             vec2<i32>(in.position.xy),
             0i,
         ).r;
-        let bounced = ssao_multibounce(ssao, pbr.material.base_color.rgb);
+        let bounced = terrain_ssao_utils::ssao_multibounce(ssao, pbr.material.base_color.rgb);
         pbr.diffuse_occlusion = min(pbr.diffuse_occlusion, bounced);
         // Lagarde and de Rousiers 2014, specular occlusion from ambient occlusion.
         let n_dot_v = max(dot(pbr.N, pbr.V), 0.0001);
-        let roughness = perceptualRoughnessToRoughness(pbr.material.perceptual_roughness);
+        let roughness = terrain_lighting::perceptualRoughnessToRoughness(
+            pbr.material.perceptual_roughness,
+        );
         pbr.specular_occlusion =
             saturate(pow(n_dot_v + ssao, exp2(-16.0 * roughness - 1.0)) - 1.0 + ssao);
 #endif
-        color = apply_pbr_lighting(pbr);
+        color = terrain_pbr_functions::apply_pbr_lighting(pbr);
     }
-    return main_pass_post_lighting_processing(pbr, color);
+    return terrain_pbr_functions::main_pass_post_lighting_processing(pbr, color);
 }
 
 #endif

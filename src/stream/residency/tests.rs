@@ -336,6 +336,11 @@ fn parents_are_planned_before_their_children_and_detail_is_cut_evenly() {
         );
         seen.insert(tile);
     }
+    // Each level keeps as many tiles around the eye as the next, the coarsest ones aside.
+    let count = |level| wanted.iter().filter(|tile| tile.level == level).count();
+    for level in 0..4 {
+        assert!(count(level).abs_diff(count(level + 1)) <= 12, "{wanted:?}");
+    }
     // The eye's own leaf is there, however few pages.
     assert!(seen.contains(&TileAddress::new(0, 8000 / 128, 9000 / 128)));
 }
