@@ -133,7 +133,7 @@ fn main() {
             Msaa::Off,
             TerrainCamera {
                 lod: LodSettings {
-                    reach: 12.0,
+                    reach: 13.0,
                     morph: 1.0,
                 },
                 triangle_width_px: 32.0,

@@ -69,6 +69,7 @@ fn setup(mut commands: Commands, assets: Res<AssetServer>, terrain: Res<kit::Ter
 
 /// Bevy's atmosphere; on a software renderer, which takes minutes for it where it survives it, a
 /// plain sky with haze.
+#[expect(clippy::too_many_arguments, reason = "parameters of a Bevy system")]
 fn setup_sky(
     mut commands: Commands,
     adapter: Res<RenderAdapterInfo>,

@@ -212,7 +212,7 @@ pub fn scale(d: i32, t: i32) -> i32 {
     let high = (d >> 16)
         .checked_mul(t)
         .expect("lattice distances stay below 2^30");
-    let low = (d & 0xffff).cast_unsigned() * t.cast_unsigned() >> 16;
+    let low = ((d & 0xffff).cast_unsigned() * t.cast_unsigned()) >> 16;
     high + low.cast_signed()
 }
 

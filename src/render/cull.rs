@@ -193,7 +193,6 @@ pub fn select_seen(
 }
 
 /// Fills [`TerrainNodes`] for every camera.
-#[expect(clippy::type_complexity, reason = "queries of a Bevy system")]
 pub(super) fn cull_nodes(
     mut cameras: Query<(Entity, &TerrainViews, &Frustum, &mut TerrainNodes)>,
     terrains: Query<(&TerrainState, Option<&InheritedVisibility>), With<Terrain>>,

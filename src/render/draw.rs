@@ -231,6 +231,7 @@ impl Phases<'_> {
 }
 
 /// Puts every terrain into the phases of every view that draws it.
+#[expect(clippy::too_many_arguments, reason = "parameters of a Bevy system")]
 pub(super) fn queue_terrains(
     mut phases: Phases,
     mut draws: ResMut<TerrainDraws>,

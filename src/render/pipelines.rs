@@ -376,14 +376,12 @@ impl TerrainDrawPipeline {
                 shader_defs: defs.clone(),
                 entry_point: Some("vertex".into()),
                 buffers: vec![Self::vertex_buffer()],
-                ..default()
             },
             fragment: needs_fragment.then(|| FragmentState {
                 shader: key.shader.clone(),
                 shader_defs: defs,
                 entry_point: Some("fragment".into()),
                 targets,
-                ..default()
             }),
             primitive: PrimitiveState {
                 // Both sides cast shadows: the rim of a terrain has no far side.

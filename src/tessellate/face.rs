@@ -160,5 +160,5 @@ fn middles_before(odd: u32, count: u32, other: u32, ties: bool) -> u32 {
     // Middle k lies at (2 k + 1) / (2 other): count k with (2 k + 1) * count < odd * other.
     let reach = odd * other;
     let reach = if ties { reach } else { reach - u32::from(reach > 0) };
-    ((reach / count + 1) / 2).min(other)
+    (reach / count).div_ceil(2).min(other)
 }

@@ -8,6 +8,7 @@ use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::TextureFormat;
+use bevy::render::settings::WgpuSettings;
 use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
@@ -20,6 +21,11 @@ use std::sync::{Arc, Mutex};
 
 /// An app whose asset folder is `assets`, with terrains, ready to be stepped.
 pub fn app(assets: &Path, pipelined: bool) -> App {
+    app_on(assets, pipelined, WgpuSettings::default())
+}
+
+/// The same on a device made with `settings`.
+pub fn app_on(assets: &Path, pipelined: bool, settings: WgpuSettings) -> App {
     let mut app = App::new();
     let plugins = DefaultPlugins
         .set(AssetPlugin {
@@ -33,10 +39,16 @@ pub fn app(assets: &Path, pipelined: bool) -> App {
         })
         .set(RenderPlugin {
             synchronous_pipeline_compilation: true,
+            render_creation: settings.into(),
             ..default()
         })
-        .disable::<bevy::log::LogPlugin>()
         .disable::<WinitPlugin>();
+    // `RUST_LOG=warn` shows what the renderer complains of.
+    let plugins = if std::env::var_os("RUST_LOG").is_some() {
+        plugins
+    } else {
+        plugins.disable::<bevy::log::LogPlugin>()
+    };
     if pipelined {
         app.add_plugins(plugins);
     } else {

@@ -7,3 +7,7 @@ pub mod app;
 pub mod gpu;
 pub mod manifold;
 pub mod random;
+#[cfg(feature = "examples")]
+pub mod scene;
+#[cfg(feature = "examples")]
+pub mod stage;
