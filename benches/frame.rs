@@ -9,13 +9,13 @@ use bevy::image::Image;
 use bevy::log::LogPlugin;
 use bevy::log::tracing_subscriber::filter::filter_fn;
 use bevy::log::tracing_subscriber::layer::{Context, Layer, SubscriberExt};
+use bevy::log::tracing_subscriber::registry;
 use bevy::log::tracing_subscriber::registry::LookupSpan;
 use bevy::log::tracing_subscriber::util::SubscriberInitExt;
-use bevy::log::tracing_subscriber::registry;
 use bevy::prelude::*;
+use bevy::render::RenderPlugin;
 use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::TextureFormat;
-use bevy::render::RenderPlugin;
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_tessera::TerrainPlugins;
@@ -47,7 +47,10 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for Stopwatch {
 
     fn on_exit(&self, id: &Id, context: Context<'_, S>) {
         let Some(span) = context.span(id) else { return };
-        let Some(elapsed) = span.extensions().get::<Entered>().map(|entered| entered.0.elapsed())
+        let Some(elapsed) = span
+            .extensions()
+            .get::<Entered>()
+            .map(|entered| entered.0.elapsed())
         else {
             return;
         };
@@ -114,7 +117,10 @@ fn main() {
 
     let image = Image::new_target_texture(64, 36, TextureFormat::Rgba8UnormSrgb, None);
     let image = app.world_mut().resource_mut::<Assets<Image>>().add(image);
-    let manifest = app.world().resource::<AssetServer>().load("hills/terrain.ron");
+    let manifest = app
+        .world()
+        .resource::<AssetServer>()
+        .load("hills/terrain.ron");
     let terrain = app
         .world_mut()
         .spawn((
@@ -140,7 +146,8 @@ fn main() {
                 ..default()
             },
             RenderTarget::Image(image.into()),
-            Transform::from_xyz(2000.0, 420.0, 2000.0).looking_to(Vec3::new(1.0, -0.4, 0.7), Vec3::Y),
+            Transform::from_xyz(2000.0, 420.0, 2000.0)
+                .looking_to(Vec3::new(1.0, -0.4, 0.7), Vec3::Y),
         ))
         .id();
     app.world_mut().spawn((
@@ -154,7 +161,11 @@ fn main() {
     for frame in 0..900 {
         // The eye moves a little every frame: nothing may be cached from the one before.
         moved += 0.05;
-        app.world_mut().get_mut::<Transform>(camera).unwrap().translation.x = 2000.0 + moved;
+        app.world_mut()
+            .get_mut::<Transform>(camera)
+            .unwrap()
+            .translation
+            .x = 2000.0 + moved;
         app.update();
         let settled = app
             .world()
@@ -167,12 +178,20 @@ fn main() {
     TIMES.lock().unwrap().clear();
     for _ in 0..200 {
         moved += 0.05;
-        app.world_mut().get_mut::<Transform>(camera).unwrap().translation.x = 2000.0 + moved;
+        app.world_mut()
+            .get_mut::<Transform>(camera)
+            .unwrap()
+            .translation
+            .x = 2000.0 + moved;
         app.update();
     }
 
     let nodes = app.world().get::<TerrainNodes>(camera).unwrap().nodes[&terrain].len();
-    let tiles = app.world().get::<TerrainState>(terrain).unwrap().resident_count();
+    let tiles = app
+        .world()
+        .get::<TerrainState>(terrain)
+        .unwrap()
+        .resident_count();
     println!("{nodes} nodes in view and cascades, {tiles} tiles resident, medians of 200 frames:");
     let mut total = 0.0;
     for (stage, times) in TIMES.lock().unwrap().iter_mut() {

@@ -81,7 +81,9 @@ fn setup_sky(
     mut sky: ResMut<ClearColor>,
 ) {
     if !kit::is_software(&adapter) || arguments.atmosphere {
-        commands.spawn(Atmosphere::earth(media.add(ScatteringMedium::earth(256, 256))));
+        commands.spawn(Atmosphere::earth(
+            media.add(ScatteringMedium::earth(256, 256)),
+        ));
         for camera in &cameras {
             commands.entity(camera).insert((
                 AtmosphereSettings::default(),

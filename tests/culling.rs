@@ -36,7 +36,11 @@ fn no_dropped_node_reaches_into_the_frustum() {
             250.0 + random.unit() * 2000.0,
             random.unit() * 30e3,
         ));
-        let towards = Vec3::new(random.unit() - 0.5, random.unit() * 0.8 - 0.7, random.unit() - 0.5);
+        let towards = Vec3::new(
+            random.unit() - 0.5,
+            random.unit() * 0.8 - 0.7,
+            random.unit() - 0.5,
+        );
         let eye = Transform::from_translation(place).looking_to(towards, Vec3::Y);
         kernels.set_camera(eye, TerrainCamera::default());
         let frame = kernels.frame();
@@ -80,6 +84,9 @@ fn no_dropped_node_reaches_into_the_frustum() {
             assert!(outside, "eye {n}: {node:?} was dropped and may be seen");
         }
     }
-    assert!(dropped_count > 100, "only {dropped_count} nodes were dropped at all");
+    assert!(
+        dropped_count > 100,
+        "only {dropped_count} nodes were dropped at all"
+    );
     assert!(kept_count > 100, "only {kept_count} nodes were kept at all");
 }

@@ -17,7 +17,14 @@ fn picture(name: &str, file: &str, arguments: &[&str]) -> RgbImage {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(file);
     let _ = std::fs::remove_file(&path);
     let output = Command::new(example(name))
-        .args(["--headless", "--size", "480x270", "--frames", "2", "--screenshot"])
+        .args([
+            "--headless",
+            "--size",
+            "480x270",
+            "--frames",
+            "2",
+            "--screenshot",
+        ])
         .arg(&path)
         .args(arguments)
         .output()
@@ -80,8 +87,14 @@ fn open_world_shows_mountains_under_a_sky_from_three_cameras() {
         assert!(top > 0.9, "{file}: {top} of the top is sky");
         assert!(bottom < 0.05, "{file}: {bottom} of the bottom is sky");
         let (mean, deviation) = brightness(&image, height / 2..height);
-        assert!((15.0..220.0).contains(&mean), "{file}: the ground's brightness is {mean}");
-        assert!(deviation > 8.0, "{file}: the ground is flat, deviation {deviation}");
+        assert!(
+            (15.0..220.0).contains(&mean),
+            "{file}: the ground's brightness is {mean}"
+        );
+        assert!(
+            deviation > 8.0,
+            "{file}: the ground is flat, deviation {deviation}"
+        );
         // Ground under the sun is greener or redder than it is blue.
         let lit = (0..image.width())
             .filter(|&x| {
@@ -89,7 +102,10 @@ fn open_world_shows_mountains_under_a_sky_from_three_cameras() {
                 r.max(g) > b
             })
             .count();
-        assert!(lit * 4 > image.width() as usize, "{file}: {lit} columns look like ground");
+        assert!(
+            lit * 4 > image.width() as usize,
+            "{file}: {lit} columns look like ground"
+        );
     }
 }
 
@@ -98,15 +114,24 @@ fn minimal_shows_a_terrain() {
     let image = picture("minimal", "minimal.png", &[]);
     let (_, above) = brightness(&image, 0..image.height() / 8);
     let (_, below) = brightness(&image, image.height() / 2..image.height());
-    assert!(above < 1.0, "the sky of minimal is one colour, deviation {above}");
-    assert!(below > 5.0, "the ground of minimal has none, deviation {below}");
+    assert!(
+        above < 1.0,
+        "the sky of minimal is one colour, deviation {above}"
+    );
+    assert!(
+        below > 5.0,
+        "the ground of minimal has none, deviation {below}"
+    );
 }
 
 #[test]
 fn minimal_takes_fifteen_lines() {
     let text = include_str!("../examples/minimal.rs");
     let functions = text.split_once("fn main").unwrap().1;
-    let lines = functions.lines().filter(|line| !line.trim().is_empty()).count();
+    let lines = functions
+        .lines()
+        .filter(|line| !line.trim().is_empty())
+        .count();
     assert!(lines <= 15, "main and setup take {lines} lines");
 }
 
@@ -114,16 +139,28 @@ fn minimal_takes_fifteen_lines() {
 fn bad_arguments_are_refused_in_a_sentence() {
     for (arguments, expected) in [
         (&["--eye", "1,2"][..], "--eye is 1,2: write X,Y,Z"),
-        (&["--eye", "1,2,nan"][..], "--eye is 1,2,nan: write finite numbers"),
-        (&["--size", "0x9"][..], "--size is 0x9: use 1 to 8192 a side"),
+        (
+            &["--eye", "1,2,nan"][..],
+            "--eye is 1,2,nan: write finite numbers",
+        ),
+        (
+            &["--size", "0x9"][..],
+            "--size is 0x9: use 1 to 8192 a side",
+        ),
         (&["--frames"][..], "--frames needs a value after it"),
         (&["--fast"][..], "--fast is no option"),
         (&["--terrain", "/nowhere"][..], "holds no terrain.ron"),
     ] {
-        let output = Command::new(example("open_world")).args(arguments).output().unwrap();
+        let output = Command::new(example("open_world"))
+            .args(arguments)
+            .output()
+            .unwrap();
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
-        assert!(said.lines().any(|line| line.contains(expected)), "{arguments:?}: {said}");
+        assert!(
+            said.lines().any(|line| line.contains(expected)),
+            "{arguments:?}: {said}"
+        );
     }
 }
 
@@ -139,7 +176,10 @@ fn without_a_display_an_example_says_so_and_goes_on_headless() {
         .unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
-    assert!(said.contains("no window can be opened: running headless"), "{said}");
+    assert!(
+        said.contains("no window can be opened: running headless"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -151,5 +191,8 @@ fn a_picture_that_cannot_be_saved_is_an_error() {
         .unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success());
-    assert!(said.contains("/nowhere/at/all.png can't be saved"), "{said}");
+    assert!(
+        said.contains("/nowhere/at/all.png can't be saved"),
+        "{said}"
+    );
 }

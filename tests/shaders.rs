@@ -66,10 +66,13 @@ fn composer() -> Composer {
         let before = waiting.len();
         waiting.retain(|(path, source)| {
             let (name, imports, _) = naga_oil::compose::get_preprocessor_data(source);
-            let missing = imports
-                .iter()
-                .any(|import| !composer.contains_module(&import.import) && name.as_deref() != Some(&import.import)
-                    && sources().0.iter().any(|(_, other)| other.contains(&format!("#define_import_path {}\n", import.import))));
+            let missing = imports.iter().any(|import| {
+                !composer.contains_module(&import.import)
+                    && name.as_deref() != Some(&import.import)
+                    && sources().0.iter().any(|(_, other)| {
+                        other.contains(&format!("#define_import_path {}\n", import.import))
+                    })
+            });
             if missing {
                 return true;
             }
@@ -88,7 +91,12 @@ fn composer() -> Composer {
     composer
 }
 
-fn validate(composer: &mut Composer, path: &str, source: &str, defs: &[&str]) -> Result<(), String> {
+fn validate(
+    composer: &mut Composer,
+    path: &str,
+    source: &str,
+    defs: &[&str],
+) -> Result<(), String> {
     let mut shader_defs: HashMap<String, ShaderDefValue> = defs
         .iter()
         .map(|def| ((*def).to_owned(), ShaderDefValue::Bool(true)))
@@ -102,7 +110,10 @@ fn validate(composer: &mut Composer, path: &str, source: &str, defs: &[&str]) ->
         shader_defs.insert(name.to_owned(), ShaderDefValue::UInt(value));
     }
     shader_defs.extend(sources().2.clone());
-    shader_defs.insert("SCREEN_SPACE_SPECULAR_TRANSMISSION_BLUR_TAPS".into(), ShaderDefValue::Int(8));
+    shader_defs.insert(
+        "SCREEN_SPACE_SPECULAR_TRANSMISSION_BLUR_TAPS".into(),
+        ShaderDefValue::Int(8),
+    );
     let module = composer
         .make_naga_module(NagaModuleDescriptor {
             source,
@@ -145,7 +156,11 @@ fn check_all(combinations: impl IntoIterator<Item = (String, String, Vec<&'stati
     }
     assert!(count > 0, "no shader was found");
     let shown: Vec<_> = failures.iter().take(3).collect();
-    assert!(failures.is_empty(), "{} of {count} failed: {shown:#?}", failures.len());
+    assert!(
+        failures.is_empty(),
+        "{} of {count} failed: {shown:#?}",
+        failures.len()
+    );
 }
 
 #[test]
@@ -154,7 +169,11 @@ fn every_pass_composes_and_validates() {
     let found: Vec<_> = sources()
         .1
         .iter()
-        .filter(|(path, _)| passes.iter().any(|pass| path.ends_with(&format!("{pass}.wgsl"))))
+        .filter(|(path, _)| {
+            passes
+                .iter()
+                .any(|pass| path.ends_with(&format!("{pass}.wgsl")))
+        })
         .map(|(path, source)| (path.clone(), source.clone(), Vec::new()))
         .collect();
     assert_eq!(found.len(), passes.len());
@@ -182,7 +201,10 @@ fn the_prepass_composes_and_validates_in_every_combination() {
     for mut defs in subsets(&names) {
         defs.push("PREPASS_PIPELINE");
         if defs.contains(&"NORMAL_PREPASS") || defs.contains(&"DEFERRED_PREPASS") {
-            defs.extend(["TERRAIN_READS_MATERIAL", "NORMAL_PREPASS_OR_DEFERRED_PREPASS"]);
+            defs.extend([
+                "TERRAIN_READS_MATERIAL",
+                "NORMAL_PREPASS_OR_DEFERRED_PREPASS",
+            ]);
         }
         combinations.push((vertex.0.clone(), vertex.1.clone(), defs.clone()));
         let needs_fragment = ["NORMAL", "MOTION_VECTOR", "DEFERRED"]
@@ -228,7 +250,11 @@ fn the_main_pass_composes_and_validates_in_every_combination() {
         }
         for tail in tails {
             let mut defs = defs.clone();
-            defs.extend(["MESH_PIPELINE", "VERTEX_OUTPUT_INSTANCE_INDEX", "VIEW_PROJECTION_PERSPECTIVE"]);
+            defs.extend([
+                "MESH_PIPELINE",
+                "VERTEX_OUTPUT_INSTANCE_INDEX",
+                "VIEW_PROJECTION_PERSPECTIVE",
+            ]);
             defs.extend(tail);
             combinations.push(("material".into(), material.clone(), defs));
         }
@@ -278,10 +304,32 @@ layout_test!(
     GpuTerrainView,
     "TerrainView",
     [
-        eye, extent, eye_fraction, eye_height_m, unit_m, distance_floor, planar, unit_shift,
-        faces_shift, leaf_level, root_level, partitioning, node_count, segments_per_radian,
-        segments_per_m, min_triangle_m, max_factor, height_min_m, height_step_m,
-        field_cell_shift, max_vertices, field_cells, max_triangles, unused, geometry, tiles,
+        eye,
+        extent,
+        eye_fraction,
+        eye_height_m,
+        unit_m,
+        distance_floor,
+        planar,
+        unit_shift,
+        faces_shift,
+        leaf_level,
+        root_level,
+        partitioning,
+        node_count,
+        segments_per_radian,
+        segments_per_m,
+        min_triangle_m,
+        max_factor,
+        height_min_m,
+        height_step_m,
+        field_cell_shift,
+        max_vertices,
+        field_cells,
+        max_triangles,
+        unused,
+        geometry,
+        tiles,
     ]
 );
 layout_test!(
@@ -289,8 +337,18 @@ layout_test!(
     GpuTerrainDraw,
     "TerrainDraw",
     [
-        world_from_eye, previous_world_from_eye, eye_point, eye_fraction, eye_sample,
-        eye_sample_fraction, eye_local_m, eye_height_m, unit_m, spacing_m, root_level, unused,
+        world_from_eye,
+        previous_world_from_eye,
+        eye_point,
+        eye_fraction,
+        eye_sample,
+        eye_sample_fraction,
+        eye_local_m,
+        eye_height_m,
+        unit_m,
+        spacing_m,
+        root_level,
+        unused,
         tiles,
     ]
 );
@@ -311,7 +369,16 @@ layout_test!(
     GpuTerrainDrawArgs,
     "TerrainDrawArgs",
     [
-        index_count, instance_count, first_index, base_vertex, first_instance, scale, vertices,
-        triangles, wanted_vertices, wanted_triangles, unused,
+        index_count,
+        instance_count,
+        first_index,
+        base_vertex,
+        first_instance,
+        scale,
+        vertices,
+        triangles,
+        wanted_vertices,
+        wanted_triangles,
+        unused,
     ]
 );

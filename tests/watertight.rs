@@ -58,7 +58,9 @@ fn build(
     let Case { lattice, settings } = case;
     let lod = ViewLod::new(lattice, settings, eye, floor, true).unwrap();
     let mut nodes = Vec::new();
-    lod.select(lattice, &mut |_, _| true, &mut |node: Node| nodes.push(node));
+    lod.select(lattice, &mut |_, _| true, &mut |node: Node| {
+        nodes.push(node)
+    });
     let mut levels: Vec<i32> = nodes.iter().map(|node| node.level).collect();
     levels.sort_unstable();
     levels.dedup();
@@ -97,7 +99,10 @@ fn the_twin_is_watertight_from_everywhere() {
     for case in cases() {
         for n in 0..12 {
             let extent = case.lattice.extent;
-            let eye = IVec2::new(random.below(extent.x + extent.x / 2), random.below(extent.y));
+            let eye = IVec2::new(
+                random.below(extent.x + extent.x / 2),
+                random.below(extent.y),
+            );
             let leaf = case.lattice.node_size(case.lattice.leaf_level);
             let floor = [0, leaf / 3, 2 * leaf][random.below(3) as usize];
             let partitioning = [
@@ -111,7 +116,10 @@ fn the_twin_is_watertight_from_everywhere() {
             }
         }
     }
-    assert!(deep >= 24, "only {deep} views of 48 had three levels in view");
+    assert!(
+        deep >= 24,
+        "only {deep} views of 48 had three levels in view"
+    );
 }
 
 /// A mesh whose tear must be seen: an eye over a corner of many levels.
@@ -124,7 +132,9 @@ fn twin_of_a_broken_view(
     let mut lod = ViewLod::new(&lattice, &LodSettings::default(), eye, 0, true).unwrap();
     break_lod(&mut lod);
     let mut nodes = Vec::new();
-    lod.select(&lattice, &mut |_, _| true, &mut |node: Node| nodes.push(node));
+    lod.select(&lattice, &mut |_, _| true, &mut |node: Node| {
+        nodes.push(node)
+    });
     let field = ResidencyField::new(&lattice, 0);
     let view = FactorView {
         eye,
@@ -280,8 +290,7 @@ mod on_the_gpu {
             (|mut cameras: Query<&mut TerrainViews>| {
                 for mut views in &mut cameras {
                     for view in &mut views.views {
-                        for (start, log2) in
-                            view.lod.morph_start.iter_mut().zip(view.lod.zone_log2)
+                        for (start, log2) in view.lod.morph_start.iter_mut().zip(view.lod.zone_log2)
                         {
                             *start = start.saturating_add(1 << log2);
                         }

@@ -90,7 +90,9 @@ fn finish(
         return;
     }
     if late && !settled && picture.frames_left == arguments.frames.unwrap_or(3).max(1) {
-        eprintln!("the terrain has not streamed in after {PATIENCE:?}: going on with what is there");
+        eprintln!(
+            "the terrain has not streamed in after {PATIENCE:?}: going on with what is there"
+        );
     }
     picture.frames_left = picture.frames_left.saturating_sub(1);
     if picture.frames_left > 0 {

@@ -65,10 +65,7 @@ fn render_plugin() -> RenderPlugin {
 }
 
 /// Where `--eye` and `--look` want it, every camera stands there.
-fn place_cameras(
-    arguments: Res<Arguments>,
-    mut cameras: Query<&mut Transform, With<Camera3d>>,
-) {
+fn place_cameras(arguments: Res<Arguments>, mut cameras: Query<&mut Transform, With<Camera3d>>) {
     for mut transform in &mut cameras {
         if let Some(eye) = arguments.eye {
             transform.translation = eye;
@@ -112,7 +109,10 @@ fn terrain(arguments: &Arguments) -> (String, String) {
 
 /// Bakes the bundled elevation model into `folder`.
 pub fn bake_bundled(assets: &Path, folder: &Path) -> Result<(), Box<dyn std::error::Error>> {
-    eprintln!("baking the bundled elevation model into {}", folder.display());
+    eprintln!(
+        "baking the bundled elevation model into {}",
+        folder.display()
+    );
     if let Some(parent) = folder.parent() {
         std::fs::create_dir_all(parent)?;
     }

@@ -56,7 +56,8 @@ impl ResidencyField {
         let p = p.max(IVec2::ZERO).as_uvec2();
         let cell = (p >> UVec2::splat(self.cell_log2)).min(self.cells - 1);
         // 0..=256: the terrain's last point is the far corner of the last cell.
-        let weight = (p - (cell << UVec2::splat(self.cell_log2))) >> UVec2::splat(self.cell_log2 - 8);
+        let weight =
+            (p - (cell << UVec2::splat(self.cell_log2))) >> UVec2::splat(self.cell_log2 - 8);
         let weight = weight.min(UVec2::splat(256));
         let corner = |dx: u32, dz: u32| {
             u32::from(self.corners[self.corner_index(cell + UVec2::new(dx, dz))])

@@ -59,7 +59,9 @@ pub enum LatticeError {
     #[error("leaf_level is {0}: use 0 for the finest tiles, or down to -8 for finer nodes")]
     LeafLevel(i32),
     /// `R < 2 + 2 Z`: nodes would meet coarser ones before they are fully morphed.
-    #[error("reach {reach} is below 2 + 2 x morph ({morph}), which would tear the mesh: raise reach to at least {least}")]
+    #[error(
+        "reach {reach} is below 2 + 2 x morph ({morph}), which would tear the mesh: raise reach to at least {least}"
+    )]
     ReachTooShort {
         /// The reach asked for.
         reach: f32,
@@ -224,7 +226,11 @@ pub fn lerp(a: IVec2, b: IVec2, t: i32) -> IVec2 {
 
 /// How far a level reaches and over which part of that it morphs.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "ecs", derive(bevy::prelude::Reflect), reflect(Default, Clone))]
+#[cfg_attr(
+    feature = "ecs",
+    derive(bevy::prelude::Reflect),
+    reflect(Default, Clone)
+)]
 pub struct LodSettings {
     /// `R`: distance out to which a level is used, in node sizes of that level.
     pub reach: f32,
@@ -258,7 +264,11 @@ impl LodSettings {
         }
         let least = 2.0 + 2.0 * morph;
         if reach < least {
-            return Err(LatticeError::ReachTooShort { reach, morph, least });
+            return Err(LatticeError::ReachTooShort {
+                reach,
+                morph,
+                least,
+            });
         }
         Ok(())
     }

@@ -7,8 +7,8 @@ use crate::tile::{TileAddress, TileRange};
 use crate::view::TerrainViews;
 use bevy::camera::primitives::{CascadesFrusta, CubemapFrusta, Frustum};
 use bevy::ecs::entity::EntityHashMap;
-use bevy::math::primitives::ViewFrustum;
 use bevy::math::DAffine3;
+use bevy::math::primitives::ViewFrustum;
 use bevy::prelude::*;
 use std::sync::Arc;
 
@@ -101,9 +101,8 @@ impl TileHeightBounds {
             .map(|level| {
                 let tiles = file.tiles(level);
                 let [across, down] = tiles;
-                let around = |place: u32, count: u32| {
-                    place.saturating_sub(1)..(place + 2).min(count)
-                };
+                let around =
+                    |place: u32, count: u32| place.saturating_sub(1)..(place + 2).min(count);
                 let heights_m = (0..down)
                     .flat_map(|z| (0..across).map(move |x| (x, z)))
                     .map(|(x, z)| {

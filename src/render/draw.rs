@@ -1,9 +1,7 @@
 //! One indirect draw per terrain and pass, as items of Bevy's own phases.
 
 use super::extract::ExtractedTerrains;
-use super::pipelines::{
-    TERRAIN_BIND_GROUP, TerrainDrawKey, TerrainDrawKind, TerrainDrawPipeline,
-};
+use super::pipelines::{TERRAIN_BIND_GROUP, TerrainDrawKey, TerrainDrawKind, TerrainDrawPipeline};
 use super::prepare::{GpuTerrainMeshes, GpuTerrains};
 use bevy::core_pipeline::core_3d::{Opaque3d, Opaque3dBatchSetKey, Opaque3dBinKey};
 use bevy::core_pipeline::deferred::AlphaMask3dDeferred;
@@ -26,8 +24,7 @@ use bevy::render::camera::ExtractedCamera;
 use bevy::render::mesh::allocator::MeshSlabs;
 use bevy::render::render_phase::{
     BinnedPhaseItem, BinnedRenderPhaseType, DrawFunctions, InputUniformIndex, PhaseItem,
-    RenderCommand, RenderCommandResult, SetItemPipeline, TrackedRenderPass,
-    ViewBinnedRenderPhases,
+    RenderCommand, RenderCommandResult, SetItemPipeline, TrackedRenderPass, ViewBinnedRenderPhases,
 };
 use bevy::render::render_resource::{
     CachedRenderPipelineId, IndexFormat, PipelineCache, SpecializedRenderPipelines,
@@ -61,7 +58,11 @@ pub(super) type DrawTerrainPrepass = (
 pub(super) struct DrawTerrain;
 
 impl<P: PhaseItem> RenderCommand<P> for DrawTerrain {
-    type Param = (SRes<GpuTerrainMeshes>, SRes<GpuTerrains>, SRes<TerrainDraws>);
+    type Param = (
+        SRes<GpuTerrainMeshes>,
+        SRes<GpuTerrains>,
+        SRes<TerrainDraws>,
+    );
     type ViewQuery = Read<ExtractedView>;
     type ItemQuery = ();
 
@@ -245,7 +246,10 @@ pub(super) fn queue_terrains(
     shadow_views: Query<(&LightEntity, &ExtractedView)>,
 ) {
     let _span = bevy::log::debug_span!("terrain_queue").entered();
-    let TerrainDraws { cameras: drawn_by, queued } = &mut *draws;
+    let TerrainDraws {
+        cameras: drawn_by,
+        queued,
+    } = &mut *draws;
     drawn_by.clear();
     for (kind, view, terrain) in queued.drain(..) {
         phases.remove(kind, &view, terrain);
@@ -291,7 +295,13 @@ pub(super) fn queue_terrains(
                 queue(TerrainDrawKind::Prepass, prepass, view, camera, terrain);
             }
             if let Some(view_key) = view_keys.get(&view.retained_view_entity) {
-                queue(TerrainDrawKind::Main, triangles | *view_key, view, camera, terrain);
+                queue(
+                    TerrainDrawKind::Main,
+                    triangles | *view_key,
+                    view,
+                    camera,
+                    terrain,
+                );
             }
         }
     }

@@ -90,7 +90,15 @@ pub(super) fn extract_terrains(
     >,
     tiles: Extract<Query<(&TileAddress, &TileHeights, &TilePage)>>,
     heights: Extract<Res<Assets<HeightTile>>>,
-    cameras: Extract<Query<(Entity, &Camera, &TerrainCamera, &TerrainViews, &TerrainNodes)>>,
+    cameras: Extract<
+        Query<(
+            Entity,
+            &Camera,
+            &TerrainCamera,
+            &TerrainViews,
+            &TerrainNodes,
+        )>,
+    >,
     materials: Extract<Res<ComposedMaterials>>,
     mut extracted: ResMut<ExtractedTerrains>,
     mut uploaded: ResMut<UploadedTerrains>,
@@ -149,7 +157,13 @@ pub(super) fn extract_terrains(
         });
         let field = (known.field_version != state.field_version()).then(|| {
             known.field_version = state.field_version();
-            state.field().corners.iter().copied().map(u32::from).collect()
+            state
+                .field()
+                .corners
+                .iter()
+                .copied()
+                .map(u32::from)
+                .collect()
         });
         let file = &state.manifest().file;
         let fallback = TerrainMaterial::default();
@@ -174,7 +188,10 @@ pub(super) fn extract_terrains(
             let Ok((_, state, ..)) = terrains.get(view.terrain) else {
                 continue;
             };
-            let Some(nodes) = nodes.nodes.get(&view.terrain).filter(|nodes| !nodes.is_empty())
+            let Some(nodes) = nodes
+                .nodes
+                .get(&view.terrain)
+                .filter(|nodes| !nodes.is_empty())
             else {
                 continue;
             };
@@ -265,7 +282,11 @@ fn terrain_draw(
     // off the terrain. Elsewhere the eye itself is taken: it rounds to Bevy's own view position.
     let unit_m = state.lattice().unit_m(state.manifest().file.spacing_m);
     let on_lattice = (view.lod.eye.as_dvec2() + view.eye_fraction.as_dvec2()) * unit_m;
-    let eye_m = if (on_lattice - bevy::math::DVec2::new(view.eye_m.x, view.eye_m.z)).abs().max_element() < unit_m {
+    let eye_m = if (on_lattice - bevy::math::DVec2::new(view.eye_m.x, view.eye_m.z))
+        .abs()
+        .max_element()
+        < unit_m
+    {
         view.eye_m
     } else {
         DVec3::new(on_lattice.x, view.eye_m.y, on_lattice.y)

@@ -7,9 +7,7 @@ use bevy::asset::load_embedded_asset;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
 use bevy::core_pipeline::prepass::prepass_target_descriptors;
 use bevy::mesh::{MeshVertexBufferLayout, MeshVertexBufferLayoutRef, VertexBufferLayout};
-use bevy::pbr::{
-    MATERIAL_BIND_GROUP_INDEX, MeshPipeline, MeshPipelineKey, PrepassPipeline,
-};
+use bevy::pbr::{MATERIAL_BIND_GROUP_INDEX, MeshPipeline, MeshPipelineKey, PrepassPipeline};
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{
     sampler, storage_buffer_read_only_sized, storage_buffer_sized, texture_2d_array,
@@ -17,10 +15,11 @@ use bevy::render::render_resource::binding_types::{
 };
 use bevy::render::render_resource::{
     BindGroupLayoutDescriptor, BindGroupLayoutEntries, CachedComputePipelineId, CompareFunction,
-    ComputePipelineDescriptor, DepthStencilState, Face, FragmentState, MultisampleState,
-    PipelineCache, PrimitiveState, RenderPipelineDescriptor, Sampler, SamplerBindingType,
-    SamplerDescriptor, ShaderStages, SpecializedMeshPipeline, SpecializedRenderPipeline,
-    TextureSampleType, VertexAttribute, VertexFormat, VertexState, VertexStepMode, FilterMode,
+    ComputePipelineDescriptor, DepthStencilState, Face, FilterMode, FragmentState,
+    MultisampleState, PipelineCache, PrimitiveState, RenderPipelineDescriptor, Sampler,
+    SamplerBindingType, SamplerDescriptor, ShaderStages, SpecializedMeshPipeline,
+    SpecializedRenderPipeline, TextureSampleType, VertexAttribute, VertexFormat, VertexState,
+    VertexStepMode,
 };
 use bevy::render::renderer::RenderDevice;
 use bevy::shader::{Shader, ShaderDefVal};
@@ -83,10 +82,7 @@ pub(super) fn init_terrain_pipelines(
     );
     let classify_layout = BindGroupLayoutDescriptor::new(
         "terrain_classify_layout",
-        &BindGroupLayoutEntries::with_indices(
-            compute,
-            ((0, write(factors)), (1, write(pair))),
-        ),
+        &BindGroupLayoutEntries::with_indices(compute, ((0, write(factors)), (1, write(pair)))),
     );
     let setup_layout = BindGroupLayoutDescriptor::new(
         "terrain_setup_layout",

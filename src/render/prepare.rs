@@ -145,8 +145,8 @@ fn buffer(device: &RenderDevice, label: &'static str, size: u64, usage: BufferUs
 /// triangles a vertex.
 fn largest_room(device: &RenderDevice) -> u32 {
     let limits = device.limits();
-    let bytes = u64::from(limits.max_storage_buffer_binding_size as u32)
-        .min(limits.max_buffer_size);
+    let bytes =
+        u64::from(limits.max_storage_buffer_binding_size as u32).min(limits.max_buffer_size);
     u32::try_from(bytes / (INDICES_A_VERTEX * 4)).unwrap_or(u32::MAX)
 }
 
@@ -181,8 +181,7 @@ impl GpuTerrain {
             (texture, view)
         };
         let (heights, heights_view) = atlas("terrain_height_pages", TextureFormat::R16Uint);
-        let (gradients, gradients_view) =
-            atlas("terrain_gradient_pages", TextureFormat::Rg16Float);
+        let (gradients, gradients_view) = atlas("terrain_gradient_pages", TextureFormat::Rg16Float);
         let parameters = buffer(
             device,
             "terrain_material_parameters",
@@ -362,7 +361,9 @@ impl GpuTerrainMesh {
             replaced = true;
         }
         // Four vertices a face: the least factor everywhere always fits.
-        let least = u32::try_from(4 * faces).unwrap_or(u32::MAX).next_power_of_two();
+        let least = u32::try_from(4 * faces)
+            .unwrap_or(u32::MAX)
+            .next_power_of_two();
         let room = extracted.max_vertices.max(least).min(largest_room(device));
         if self.vertex_room != room {
             self.vertex_room = room;
@@ -404,7 +405,11 @@ impl GpuTerrainMesh {
         terrain: &GpuTerrain,
     ) {
         let built_for = (self.generation.0, terrain.generation);
-        if self.groups.as_ref().is_some_and(|groups| groups.built_for == built_for) {
+        if self
+            .groups
+            .as_ref()
+            .is_some_and(|groups| groups.built_for == built_for)
+        {
             return;
         }
         let layout = |descriptor| cache.get_bind_group_layout(descriptor);

@@ -60,7 +60,9 @@ impl Face {
     /// How many segments, vertices and triangles the face has.
     #[must_use]
     pub fn counts(&self) -> FaceCounts {
-        let edge = self.factors.map(|f| segment_count(self.partitioning, f, false));
+        let edge = self
+            .factors
+            .map(|f| segment_count(self.partitioning, f, false));
         let inner = if edge == [1; 4] {
             [0; 2]
         } else {
@@ -75,7 +77,11 @@ impl Face {
     fn edge_point(&self, e: usize, count: u32, i: u32) -> IVec2 {
         let (a, b) = (self.corners[e], self.corners[(e + 1) % 4]);
         let forward = (a.x, a.y) <= (b.x, b.y);
-        let (low, high, i) = if forward { (a, b, i) } else { (b, a, count - i) };
+        let (low, high, i) = if forward {
+            (a, b, i)
+        } else {
+            (b, a, count - i)
+        };
         let t = segment_parameter(self.partitioning, self.factors[e], count, i);
         lerp(low, high, t)
     }
@@ -159,6 +165,10 @@ impl Face {
 fn middles_before(odd: u32, count: u32, other: u32, ties: bool) -> u32 {
     // Middle k lies at (2 k + 1) / (2 other): count k with (2 k + 1) * count < odd * other.
     let reach = odd * other;
-    let reach = if ties { reach } else { reach - u32::from(reach > 0) };
+    let reach = if ties {
+        reach
+    } else {
+        reach - u32::from(reach > 0)
+    };
     (reach / count).div_ceil(2).min(other)
 }

@@ -52,7 +52,11 @@ pub fn level_height(
         (tile.z * TILE_SAMPLES).cast_signed(),
     );
     let local = sample - first;
-    let at = |dx: i32, dz: i32| source.sample(tile, local.x + dx, local.y + dz).map(f32::from);
+    let at = |dx: i32, dz: i32| {
+        source
+            .sample(tile, local.x + dx, local.y + dz)
+            .map(f32::from)
+    };
     let (h00, h10, h01, h11) = (at(0, 0)?, at(1, 0)?, at(0, 1)?, at(1, 1)?);
     let near = h00 + (h10 - h00) * weight.x;
     let far = h01 + (h11 - h01) * weight.x;
@@ -62,12 +66,7 @@ pub fn level_height(
 /// Stored height at `p` read at level of detail `lambda` (16.16): level `⌊λ⌋` blended with the
 /// next. `None` where a tile isn't there; `λ` from
 /// [`ViewLod::lambda`](crate::lattice::ViewLod::lambda) never asks for such a one.
-pub fn height(
-    source: &impl HeightSource,
-    lattice: &Lattice,
-    p: IVec2,
-    lambda: i32,
-) -> Option<f32> {
+pub fn height(source: &impl HeightSource, lattice: &Lattice, p: IVec2, lambda: i32) -> Option<f32> {
     let level = (lambda >> 16).cast_unsigned();
     let blend = (lambda & (ONE - 1)) as f32 / ONE as f32;
     let fine = level_height(source, lattice, p, level)?;

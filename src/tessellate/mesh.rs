@@ -1,9 +1,7 @@
 //! A whole view's mesh on the CPU.
 
 use super::height::height;
-use super::{
-    EdgeEnd, FACTOR_SCALES, Face, FactorView, HeightSource, Partitioning, scaled_factor,
-};
+use super::{EdgeEnd, FACTOR_SCALES, Face, FactorView, HeightSource, Partitioning, scaled_factor};
 use crate::lattice::{Lattice, Node, ResidencyField, ViewLod};
 use glam::IVec2;
 
@@ -73,8 +71,10 @@ impl<S: HeightSource> ViewMesh<'_, S> {
     pub fn corners(&self, node: &Node, face: u32) -> [IVec2; 4] {
         let side = 1 << self.lattice.faces_log2;
         let ij = IVec2::new(face.cast_signed() % side, face.cast_signed() / side);
-        [IVec2::ZERO, IVec2::X, IVec2::ONE, IVec2::Y]
-            .map(|corner| self.lattice.control_vertex(self.lod, node.level, node.origin, ij + corner))
+        [IVec2::ZERO, IVec2::X, IVec2::ONE, IVec2::Y].map(|corner| {
+            self.lattice
+                .control_vertex(self.lod, node.level, node.origin, ij + corner)
+        })
     }
 
     /// `classify`: the factors of the edges of a face with `corners`.

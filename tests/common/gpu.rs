@@ -28,7 +28,8 @@ pub fn bundled() -> &'static Path {
     FOLDER
         .get_or_init(|| {
             let folder = tempfile::tempdir().unwrap();
-            let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/elevation/jacksboro_u16.png");
+            let source =
+                Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/elevation/jacksboro_u16.png");
             let import_settings = ImportSettings {
                 scale: Some(0.02),
                 offset: Some(200.0),
@@ -39,7 +40,13 @@ pub fn bundled() -> &'static Path {
                 ..Default::default()
             };
             let mut source = import::open(&source, &import_settings).unwrap();
-            bake(&mut *source, &folder.path().join("jacksboro"), &settings, &()).unwrap();
+            bake(
+                &mut *source,
+                &folder.path().join("jacksboro"),
+                &settings,
+                &(),
+            )
+            .unwrap();
             folder
         })
         .path()
@@ -79,11 +86,10 @@ fn draw_everything(
             let nodes = drawn.nodes.entry(view.terrain).or_default();
             nodes.clear();
             if state.is_ready() {
-                view.lod.select(
-                    state.lattice(),
-                    &mut |_, _| true,
-                    &mut |node| nodes.push(node),
-                );
+                view.lod
+                    .select(state.lattice(), &mut |_, _| true, &mut |node| {
+                        nodes.push(node)
+                    });
             }
         }
     }
@@ -103,7 +109,10 @@ impl Kernels {
             .world()
             .resource::<AssetServer>()
             .load("jacksboro/terrain.ron");
-        let terrain = app.world_mut().spawn((Terrain::new(manifest), settings)).id();
+        let terrain = app
+            .world_mut()
+            .spawn((Terrain::new(manifest), settings))
+            .id();
         let camera = app
             .world_mut()
             .spawn((

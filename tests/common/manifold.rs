@@ -47,12 +47,13 @@ pub fn check(
         ));
     }
     for (&(a, b), &uses) in &count {
-        let on_rim = |axis: usize| {
-            a.0[axis] == b.0[axis] && (a.0[axis] == 0 || a.0[axis] == extent[axis])
-        };
+        let on_rim =
+            |axis: usize| a.0[axis] == b.0[axis] && (a.0[axis] == 0 || a.0[axis] == extent[axis]);
         let back = count.get(&(b, a)).copied().unwrap_or(0);
         if uses != back && !on_rim(0) && !on_rim(1) {
-            return Err(format!("edge {a:?} - {b:?}: {uses} one way, {back} the other"));
+            return Err(format!(
+                "edge {a:?} - {b:?}: {uses} one way, {back} the other"
+            ));
         }
     }
     Ok(())
