@@ -273,6 +273,33 @@ fn a_material_that_does_not_compile_takes_nothing_else_with_it() {
     assert_eq!(bottom(&mended), [0, 255, 0]);
 }
 
+#[test]
+fn a_material_that_cannot_be_read_leaves_the_default() {
+    let mut stage = stage("hills");
+    let terrain = stage.terrain;
+    let server = stage.app.world().resource::<AssetServer>();
+    let missing = server.load("shaders/no_such_file.wgsl");
+    let mut terrain = stage.app.world_mut().entity_mut(terrain);
+    terrain.insert(TerrainMaterial {
+        shader: Some(missing),
+        ..default()
+    });
+    stage.prop((
+        DirectionalLight::default(),
+        Transform::from_xyz(1.0, 1.0, 1.0).looking_at(Vec3::ZERO, Vec3::Y),
+    ));
+    for _ in 0..20 {
+        stage.app.update();
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    let picture = stage.picture("missing_material", eye(), 1, |_| {});
+    let [red, green, blue] = bottom(&picture);
+    assert!(
+        green > blue && red > blue && green > 40,
+        "{red} {green} {blue}"
+    );
+}
+
 /// The pixel in the middle of the picture's lower rim.
 fn bottom(picture: &RgbImage) -> [u8; 3] {
     picture.get_pixel(SIZE[0] / 2, SIZE[1] - 2).0

@@ -1,6 +1,6 @@
 //! What the ground looks like: a game's own WGSL, or the default grass and rock.
 
-use bevy::asset::AssetId;
+use bevy::asset::{AssetId, LoadState};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use bevy::shader::{Shader, Source};
@@ -28,10 +28,12 @@ const DEFAULT_PATH: &str = "bevy_tessera/default_material.wgsl";
 /// ```
 ///
 /// It receives position, height, slope and normal of the ground, and returns Bevy's PBR input;
-/// lighting, shadows, fog, the prepasses and the deferred G-buffer follow from that. The module
-/// must not define entry points: those of all passes are appended to it. It may bind nothing of
-/// its own; `material_parameters` carries eight `vec4<f32>` from here. Saving the file while the
-/// game runs with Bevy's file watcher shows the change.
+/// lighting, shadows, fog, the prepasses and the deferred G-buffer follow from that. The entry
+/// points of all passes are appended to the module, so it must define neither entry points nor
+/// names that begin with `terrain_` or `Terrain` but `terrain_material`. It may bind nothing of its
+/// own; `material_parameters` carries eight `vec4<f32>` from here. Saving the file while the game
+/// runs with Bevy's file watcher shows the change. Where the file can't be read, an error says so
+/// and the default is drawn; where it doesn't compile, Bevy says why and nothing is drawn.
 #[derive(Component, Clone, Debug, PartialEq, Reflect)]
 #[reflect(Component, Default, Clone, PartialEq)]
 pub struct TerrainMaterial {
@@ -92,12 +94,14 @@ pub(super) fn add_default_material(world: &mut World) {
 pub(super) fn compose_materials(
     materials: Query<&TerrainMaterial>,
     mut events: MessageReader<AssetEvent<Shader>>,
+    server: Res<AssetServer>,
     mut shaders: ResMut<Assets<Shader>>,
     mut composed: ResMut<ComposedMaterials>,
 ) {
     let mut stale = Vec::new();
     for event in events.read() {
-        if let AssetEvent::Modified { id } = event {
+        // A file that was mended after it could not be read is added, not modified.
+        if let AssetEvent::Modified { id } | AssetEvent::Added { id } = event {
             stale.push(*id);
         }
     }
@@ -110,6 +114,11 @@ pub(super) fn compose_materials(
             continue;
         }
         let Some(shader) = shaders.get(id) else {
+            if let Some(LoadState::Failed(error)) = server.get_load_state(id) {
+                error!("a terrain's material can't be read: {error}; the default is drawn");
+                let default = composed.default.clone();
+                composed.composed.insert(id, default);
+            }
             continue;
         };
         let Source::Wgsl(wgsl) = &shader.source else {
@@ -127,7 +136,9 @@ pub(super) fn compose_materials(
         let path = format!("{}#terrain", shader.path);
         let whole = Shader::from_wgsl(compose_material(wgsl), path);
         stale.retain(|stale| *stale != id);
-        match composed.composed.get(&id).cloned() {
+        let known = composed.composed.get(&id).cloned();
+        // What stood in for a material that could not be read is not this material's to replace.
+        match known.filter(|handle| *handle != composed.default) {
             Some(handle) => {
                 if let Err(error) = shaders.insert(handle.id(), whole) {
                     error!("terrain material can't be replaced: {error}");

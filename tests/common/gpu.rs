@@ -98,7 +98,12 @@ fn draw_everything(
 impl Kernels {
     /// Starts with the terrain's root resident and nothing more.
     pub fn start(settings: TerrainSettings, size: UVec2) -> Self {
-        let mut app = app::app(bundled(), false);
+        Self::start_on(bundled(), settings, size)
+    }
+
+    /// The same on the terrain `jacksboro` in the folder `assets`.
+    pub fn start_on(assets: &Path, settings: TerrainSettings, size: UVec2) -> Self {
+        let mut app = app::app(assets, false);
         app.add_systems(
             PostUpdate,
             draw_everything.after(TerrainRenderSystems::Cull),
