@@ -133,6 +133,29 @@ fn remove<P: BinnedPhaseItem>(
     }
 }
 
+/// Queues a terrain; false where the view has no such phase.
+fn add<P: BinnedPhaseItem>(
+    phases: &mut ViewBinnedRenderPhases<P>,
+    view: &RetainedViewEntity,
+    terrain: MainEntity,
+    batch_set: P::BatchSetKey,
+    bin: P::BinKey,
+) -> bool {
+    let Some(phase) = phases.get_mut(view) else {
+        return false;
+    };
+    let entity = (Entity::PLACEHOLDER, terrain);
+    let uniform = InputUniformIndex::default();
+    phase.add(
+        batch_set,
+        bin,
+        entity,
+        uniform,
+        BinnedRenderPhaseType::NonMesh,
+    );
+    true
+}
+
 impl Phases<'_> {
     fn remove(&mut self, kind: TerrainDrawKind, view: &RetainedViewEntity, terrain: MainEntity) {
         match kind {
@@ -151,83 +174,53 @@ impl Phases<'_> {
         terrain: MainEntity,
         pipeline: CachedRenderPipelineId,
     ) -> bool {
-        let entity = (Entity::PLACEHOLDER, terrain);
         let asset_id = AssetId::<Mesh>::invalid().untyped();
-        let uniform = InputUniformIndex::default();
         let slabs = MeshSlabs::default();
         let material_bind_group_index = None;
+        let no_lightmap = |draw_function| OpaqueNoLightmap3dBatchSetKey {
+            draw_function,
+            pipeline,
+            material_bind_group_index,
+            slabs,
+        };
+        let no_lightmap_bin = OpaqueNoLightmap3dBinKey { asset_id };
         match kind {
             TerrainDrawKind::Main => {
-                let Some(phase) = self.main.get_mut(view) else {
-                    return false;
+                let batch_set = Opaque3dBatchSetKey {
+                    draw_function: self.main_draws.read().id::<DrawTerrainMain>(),
+                    pipeline,
+                    material_bind_group_index,
+                    lightmap_slab: None,
+                    slabs,
                 };
-                phase.add(
-                    Opaque3dBatchSetKey {
-                        draw_function: self.main_draws.read().id::<DrawTerrainMain>(),
-                        pipeline,
-                        material_bind_group_index,
-                        lightmap_slab: None,
-                        slabs,
-                    },
-                    Opaque3dBinKey { asset_id },
-                    entity,
-                    uniform,
-                    BinnedRenderPhaseType::NonMesh,
-                );
+                let bin = Opaque3dBinKey { asset_id };
+                add(&mut self.main, view, terrain, batch_set, bin)
             }
             TerrainDrawKind::Prepass => {
-                let Some(phase) = self.prepass.get_mut(view) else {
-                    return false;
-                };
-                phase.add(
-                    OpaqueNoLightmap3dBatchSetKey {
-                        draw_function: self.prepass_draws.read().id::<DrawTerrainPrepass>(),
-                        pipeline,
-                        material_bind_group_index,
-                        slabs,
-                    },
-                    OpaqueNoLightmap3dBinKey { asset_id },
-                    entity,
-                    uniform,
-                    BinnedRenderPhaseType::NonMesh,
-                );
+                let batch_set = no_lightmap(self.prepass_draws.read().id::<DrawTerrainPrepass>());
+                add(&mut self.prepass, view, terrain, batch_set, no_lightmap_bin)
             }
             TerrainDrawKind::Deferred => {
-                let Some(phase) = self.deferred.get_mut(view) else {
-                    return false;
-                };
-                phase.add(
-                    OpaqueNoLightmap3dBatchSetKey {
-                        draw_function: self.deferred_draws.read().id::<DrawTerrainPrepass>(),
-                        pipeline,
-                        material_bind_group_index,
-                        slabs,
-                    },
-                    OpaqueNoLightmap3dBinKey { asset_id },
-                    entity,
-                    uniform,
-                    BinnedRenderPhaseType::NonMesh,
-                );
+                let batch_set = no_lightmap(self.deferred_draws.read().id::<DrawTerrainPrepass>());
+                add(
+                    &mut self.deferred,
+                    view,
+                    terrain,
+                    batch_set,
+                    no_lightmap_bin,
+                )
             }
             TerrainDrawKind::Shadow => {
-                let Some(phase) = self.shadow.get_mut(view) else {
-                    return false;
+                let batch_set = ShadowBatchSetKey {
+                    draw_function: self.shadow_draws.read().id::<DrawTerrainPrepass>(),
+                    pipeline,
+                    material_bind_group_index,
+                    slabs,
                 };
-                phase.add(
-                    ShadowBatchSetKey {
-                        draw_function: self.shadow_draws.read().id::<DrawTerrainPrepass>(),
-                        pipeline,
-                        material_bind_group_index,
-                        slabs,
-                    },
-                    ShadowBinKey { asset_id },
-                    entity,
-                    uniform,
-                    BinnedRenderPhaseType::NonMesh,
-                );
+                let bin = ShadowBinKey { asset_id };
+                add(&mut self.shadow, view, terrain, batch_set, bin)
             }
         }
-        true
     }
 }
 
