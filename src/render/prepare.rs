@@ -145,8 +145,9 @@ fn buffer(device: &RenderDevice, label: &'static str, size: u64, usage: BufferUs
 /// triangles a vertex.
 fn largest_room(device: &RenderDevice) -> u32 {
     let limits = device.limits();
-    let bytes =
-        u64::from(limits.max_storage_buffer_binding_size as u32).min(limits.max_buffer_size);
+    let bytes = limits
+        .max_storage_buffer_binding_size
+        .min(limits.max_buffer_size);
     u32::try_from(bytes / (INDICES_A_VERTEX * 4)).unwrap_or(u32::MAX)
 }
 
