@@ -15,7 +15,7 @@ use bevy_tessera::render::GpuTerrainMeshes;
 use bevy_tessera::stream::{TerrainState, TilePage};
 use bevy_tessera::terrain::TerrainCamera;
 use common::app;
-use common::scene::{Scene, hills, mean_difference};
+use common::scene::{Scene, assets_with_hills, hills, mean_difference};
 use common::stage::{NOTHING, Stage, bare_camera, covered};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
@@ -27,13 +27,7 @@ const TERRAIN: &str = "hills/terrain.ron";
 
 fn assets() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
-    FOLDER.get_or_init(|| {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("devices/assets");
-        let _ = std::fs::remove_dir_all(&folder);
-        std::fs::create_dir_all(&folder).unwrap();
-        Scene::new(hills).bake(&folder.join("hills"));
-        folder
-    })
+    FOLDER.get_or_init(|| assets_with_hills("devices"))
 }
 
 fn eye() -> Transform {

@@ -8,7 +8,9 @@ use bevy::prelude::*;
 use bevy::shader::Shader;
 use bevy_tessera::render::TerrainMaterial;
 use common::app;
-use common::scene::{Hit, Scene, covered_around, hills, linear, mean_difference, pixel, ramp};
+use common::scene::{
+    Hit, Scene, assets_with_hills, covered_around, hills, linear, mean_difference, pixel, ramp,
+};
 use common::stage::{NOTHING, Stage};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
@@ -22,10 +24,8 @@ const SHOWN_M: Vec3 = Vec3::new(800.0, 150.0, 800.0);
 fn assets() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     FOLDER.get_or_init(|| {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("materials/assets");
-        let _ = std::fs::remove_dir_all(&folder);
+        let folder = assets_with_hills("materials");
         std::fs::create_dir_all(folder.join("shaders")).unwrap();
-        Scene::new(hills).bake(&folder.join("hills"));
         Scene::new(ramp).bake(&folder.join("ramp"));
         std::fs::write(folder.join("shaders/surface.wgsl"), SURFACE).unwrap();
         folder
@@ -58,7 +58,7 @@ fn stage(terrain: &str) -> Stage {
     stage
 }
 
-fn show(stage: &mut Stage, name: &str, parameters: &[(usize, Vec4)], deferred: bool) -> RgbImage {
+fn set_parameters(stage: &mut Stage, parameters: &[(usize, Vec4)]) {
     let terrain = stage.terrain;
     let mut material = stage
         .app
@@ -68,6 +68,10 @@ fn show(stage: &mut Stage, name: &str, parameters: &[(usize, Vec4)], deferred: b
     for (index, value) in parameters {
         material.parameters[*index] = *value;
     }
+}
+
+fn show(stage: &mut Stage, name: &str, parameters: &[(usize, Vec4)], deferred: bool) -> RgbImage {
+    set_parameters(stage, parameters);
     stage.picture(name, eye(), 1, |camera| {
         if deferred {
             camera.insert((DepthPrepass, DeferredPrepass));
@@ -141,14 +145,7 @@ fn positions_and_normals_follow_a_terrain_that_was_moved_and_turned() {
     *stage.app.world_mut().get_mut::<Transform>(terrain).unwrap() = moved;
     let hits = scene.look(&eye(), SIZE);
     let mut show_moved = |name: &str, parameters: &[(usize, Vec4)]| {
-        let mut material = stage
-            .app
-            .world_mut()
-            .get_mut::<TerrainMaterial>(terrain)
-            .unwrap();
-        for (index, value) in parameters {
-            material.parameters[*index] = *value;
-        }
+        set_parameters(&mut stage, parameters);
         stage.picture(name, moved * eye(), 1, |_| {})
     };
     let normals = show_moved("moved_normal", &[what(0.0)]);

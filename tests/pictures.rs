@@ -12,7 +12,7 @@ mod prepasses;
 mod shadows;
 
 use bevy::prelude::*;
-use common::scene::{Scene, hills};
+use common::scene::{Scene, assets_with_hills, hills};
 use common::stage::Stage;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -23,13 +23,7 @@ const SIZE: [u32; 2] = [224, 144];
 /// The asset folder with the baked landscape.
 fn assets() -> &'static Path {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
-    FOLDER.get_or_init(|| {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pictures/assets");
-        let _ = std::fs::remove_dir_all(&folder);
-        std::fs::create_dir_all(&folder).unwrap();
-        Scene::new(hills).bake(&folder.join("hills"));
-        folder
-    })
+    FOLDER.get_or_init(|| assets_with_hills("pictures"))
 }
 
 fn stage() -> Stage {

@@ -10,7 +10,6 @@ use bevy::ecs::entity::EntityHashMap;
 use bevy::math::DAffine3;
 use bevy::math::primitives::ViewFrustum;
 use bevy::prelude::*;
-use std::sync::Arc;
 
 /// The nodes that a camera draws of each terrain in this frame.
 ///
@@ -109,9 +108,7 @@ impl TileHeightBounds {
                         let mut range = own(TileAddress::new(level, x, z));
                         for near_z in around(z, down) {
                             for near_x in around(x, across) {
-                                let near = own(TileAddress::new(level, near_x, near_z));
-                                range.min = range.min.min(near.min);
-                                range.max = range.max.max(near.max);
+                                range = range.union(own(TileAddress::new(level, near_x, near_z)));
                             }
                         }
                         [range.min, range.max].map(|height| file.height_m(height) as f32)
@@ -199,7 +196,7 @@ pub(super) fn cull_nodes(
     points: Query<(&PointLight, &CubemapFrusta)>,
     spots: Query<(&SpotLight, &Frustum), Without<TerrainViews>>,
     mut volumes: Local<Vec<LocalVolume>>,
-    mut bounds: Local<EntityHashMap<(Arc<TerrainManifest>, TileHeightBounds)>>,
+    mut bounds: Local<EntityHashMap<(u64, TileHeightBounds)>>,
 ) {
     let _span = bevy::log::debug_span!("terrain_cull").entered();
     bounds.retain(|terrain, _| terrains.contains(*terrain));
@@ -242,14 +239,14 @@ pub(super) fn cull_nodes(
                     push(frustum, None);
                 }
             }
-            let manifest = state.manifest();
-            let (known, tile_bounds) = bounds
-                .entry(view.terrain)
-                .or_insert_with(|| (manifest.clone(), TileHeightBounds::new(manifest)));
-            if !Arc::ptr_eq(known, manifest) {
-                *known = manifest.clone();
-                *tile_bounds = TileHeightBounds::new(manifest);
-            }
+            let tile_bounds = match bounds.get(&view.terrain) {
+                Some((of, tile_bounds)) if *of == state.instance() => tile_bounds,
+                _ => {
+                    let fresh = TileHeightBounds::new(state.manifest());
+                    bounds.insert(view.terrain, (state.instance(), fresh));
+                    &bounds[&view.terrain].1
+                }
+            };
             select_seen(state, tile_bounds, &view.lod, &volumes, nodes);
             volumes.clear();
         }

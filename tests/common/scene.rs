@@ -5,13 +5,22 @@ use bevy::math::{Vec2, Vec3};
 use bevy::transform::components::Transform;
 use bevy_tessera::bake::{BakeSettings, MemorySource, bake};
 use image::RgbImage;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Samples of the landscape in x and z, and metres between them.
 const SAMPLES: [u32; 2] = [385, 321];
 const SPACING_M: f32 = 2.0;
 /// Farther than this nothing is looked for.
 const FAR_M: f32 = 3000.0;
+
+/// A test binary's own asset folder, emptied, with [`hills`] baked into it.
+pub fn assets_with_hills(binary: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{binary}/assets"));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    Scene::new(hills).bake(&folder.join("hills"));
+    folder
+}
 
 /// Ground, and boxes that stand on it.
 #[derive(Clone)]
