@@ -35,7 +35,8 @@
 //! |---|---|---|
 //! | [`terrain`] | the component and its settings, what opts a camera in, events, the manifest | |
 //! | [`tile`] | tile addresses, heights, densities, the index, their file format | |
-//! | [`bake`] | height maps to terrains; readers of file formats in `bake::import` | (`import`) |
+//! | [`bake`] | height maps to terrains; readers of file formats in `bake::import`, terrains made of nothing in `bake::generate` | (`import`, `generate`) |
+//! | [`density`] | curvature filters, and densities from heights | |
 //! | [`lattice`] | the integer grid, level of detail, morph, selection, the residency field | |
 //! | [`tessellate`] | edge factors, partitioning, the CPU twin of the compute passes | |
 //! | [`stream`] | which tiles are resident, and the entities that stand for them | `ecs` |
@@ -58,7 +59,8 @@
 //! | `render` | drawing; implies `ecs` | yes |
 //! | `ecs` | terrains as entities and assets, without a renderer | |
 //! | `import` | readers of PNG, TIFF, OpenEXR, SRTM and raw height maps | |
-//! | `cli` | the tool `tessera`; implies `import` | |
+//! | `generate` | terrains made of nothing: fractal noise, diamond-square | |
+//! | `cli` | the tool `tessera`; implies `import` and `generate` | |
 //! | `examples` | what the examples need of Bevy: a window, a fly camera, pictures | |
 //!
 //! With none of them the core is left, which depends on no part of Bevy.
@@ -72,6 +74,7 @@
 #![warn(missing_docs)]
 
 pub mod bake;
+pub mod density;
 pub mod lattice;
 #[cfg(feature = "render")]
 pub mod render;

@@ -376,8 +376,27 @@ fn settings_that_make_no_terrain_are_refused() {
         );
     }
     refused(&["--headroom-m", "nan"]);
-    refused(&["--density-gain", "0"]);
-    refused(&["--density-exponent", "inf"]);
+    for (option, bad, range) in [
+        ("--gain", ["0", "-1", "inf", "nan", "1001"], "0.001..=1000"),
+        ("--exponent", ["0", "-2", "inf", "nan", "21"], "0.05..=20"),
+        ("--filter-size", ["0", "33", "-1", "x", "1.5"], "1..=32"),
+        ("--lod-skip", ["5", "99", "-1", "x", "0.5"], "0..=4"),
+        (
+            "--filter",
+            ["", "Mean", "sobel", "mean ", "7"],
+            "laplace-beltrami-voronoi",
+        ),
+        ("--border", ["", "both", "None", "x", "7"], "point-sampled"),
+    ] {
+        for value in bad {
+            let message = refused(&[&format!("{option}={value}")]);
+            let parses = value.parse::<f64>().is_ok() && !message.contains("invalid value");
+            let named = message.contains(range) || (!parses && message.contains(option));
+            assert!(named, "{option}={value}: {message}");
+        }
+    }
+    let wide = refused(&["--filter-size", "32", "--lod-skip", "2"]);
+    assert!(wide.contains("at most 64"), "{wide}");
     refused(&["--height-scale", "0"]);
     refused(&["--height-offset", "nan"]);
     refused(&["--packing", "terrarium"]);

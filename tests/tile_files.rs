@@ -5,7 +5,9 @@ mod bake_support;
 
 use bake_support::{bake_heights, landscape, manifest};
 use bevy_tessera::bake::BakeSettings;
-use bevy_tessera::terrain::{DensitySettings, ManifestError, ManifestFile, TerrainManifest};
+use bevy_tessera::terrain::{
+    DensitySettings, MANIFEST_VERSION, ManifestError, ManifestFile, TerrainManifest,
+};
 use bevy_tessera::tile::{
     DensityTile, HeightTile, TileAddress, TileFormatError, TileIndex, TileKind, TileRange,
 };
@@ -26,7 +28,7 @@ fn height_tile() -> HeightTile {
 fn file(size: [u32; 2]) -> ManifestFile {
     ManifestFile {
         format: "tessera-terrain".to_owned(),
-        version: 1,
+        version: MANIFEST_VERSION,
         size,
         spacing_m: 1.0,
         height_min_m: -5.0,
@@ -225,9 +227,9 @@ fn a_manifest_is_read_as_it_was_written_and_absurd_ones_are_refused() {
     };
     let format = replace("tessera-terrain", "other");
     assert!(matches!(format, ManifestError::Format { .. }), "{format}");
-    let version = replace("version: 1", "version: 2").to_string();
+    let version = replace("version: 2", "version: 3").to_string();
     assert!(
-        version.contains("version 2") && version.contains("version 1"),
+        version.contains("version 3") && version.contains("version 2"),
         "{version}"
     );
     for size in [

@@ -12,26 +12,33 @@
 //! so neighbours agree in their borders bit for bit.
 //!
 //! # Densities
-//! Texels of level 0 are the largest mean curvature of their 5 × 5 samples, scaled and quantised
-//! upwards (see [`curvature`]); texels of the levels above are the largest of the four texels that
-//! they cover.
+//! Texels of level 0 follow from the stored heights, see [`density`](crate::density); texels of the
+//! levels above are the largest of the four that they cover. [`rebake_densities`] makes them anew.
 
-pub mod curvature;
 mod fill;
+#[cfg(feature = "generate")]
+pub mod generate;
 #[cfg(feature = "import")]
 pub mod import;
+#[cfg(feature = "import")]
+mod preview;
 mod pyramid;
 mod quantise;
+mod rebake;
 mod report;
 mod source;
 mod verify;
 mod writer;
 
+#[cfg(feature = "import")]
+pub use preview::{PreviewError, PreviewKind, PreviewReport, PreviewSettings, preview};
+pub use rebake::{DensityReport, rebake_densities};
 pub use report::{BakeError, BakeProgress, BakeReport, BakeStage};
 pub use source::{CodeMapping, HeightSource, MemorySource, SourceError};
 pub use verify::{Fault, VerifyReport, verify};
 
-use crate::terrain::{DensitySettings, MANIFEST_MAGIC, MANIFEST_VERSION, ManifestFile, check_size};
+use crate::density::DensitySettings;
+use crate::terrain::{MANIFEST_MAGIC, MANIFEST_VERSION, ManifestFile, check_size};
 use pyramid::Pyramid;
 use quantise::Quantiser;
 use std::ops::RangeInclusive;
@@ -39,7 +46,7 @@ use std::path::Path;
 use std::time::Instant;
 use writer::PartialTerrain;
 
-pub use pyramid::{curvature_row, tent_row};
+pub use pyramid::tent_row;
 
 /// Metres of headroom below the lowest and above the highest sample, unless told otherwise.
 pub const DEFAULT_HEADROOM_M: f64 = 64.0;
@@ -105,14 +112,7 @@ impl BakeSettings {
                 found: self.headroom_m,
             });
         }
-        let positive = |value: f32| value.is_finite() && value > 0.0;
-        if !(positive(self.density.gain) && positive(self.density.exponent)) {
-            return Err(BakeError::Density {
-                gain: self.density.gain,
-                exponent: self.density.exponent,
-            });
-        }
-        Ok(())
+        Ok(self.density.validate()?)
     }
 }
 
@@ -167,7 +167,7 @@ pub fn bake(
     };
     let fill = fill::Fill::build(source, &survey, progress)?;
 
-    let quantiser = Quantiser::new(&range, spacing_m, source.codes());
+    let quantiser = Quantiser::new(&range, source.codes());
     let mut manifest = ManifestFile {
         format: MANIFEST_MAGIC.to_owned(),
         version: MANIFEST_VERSION,

@@ -1,9 +1,11 @@
 //! The pyramid of levels, from bands of level 0 to finished tiles.
 
-use super::curvature::{mean_curvature, quantise_density};
 use super::quantise::ConvertedBand;
 use super::{BakeError, writer};
-use crate::terrain::{DensitySettings, ManifestFile};
+use crate::density::{
+    DensityKernel, DensityRows, DensityScratch, DensitySettings, coarser_row, densities, spread_row,
+};
+use crate::terrain::ManifestFile;
 use crate::tile::{
     DENSITY_BORDER, DENSITY_CELL, DENSITY_STORED, DENSITY_TEXELS, DensityTile, HeightTile,
     TILE_BORDER, TILE_SAMPLES, TILE_STORED, TileAddress, TileIndex,
@@ -13,13 +15,13 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 /// Rows of a level that something still needs: the newest, and some before.
-struct Rows<T> {
+pub(super) struct Rows<T> {
     first: u32,
     rows: VecDeque<Vec<T>>,
 }
 
 impl<T> Rows<T> {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self {
             first: 0,
             rows: VecDeque::new(),
@@ -27,20 +29,20 @@ impl<T> Rows<T> {
     }
 
     /// One past the newest row.
-    fn end(&self) -> u32 {
+    pub(super) fn end(&self) -> u32 {
         self.first + self.rows.len() as u32
     }
 
     /// Row `number`, which must still be there.
-    fn row(&self, number: u32) -> &[T] {
+    pub(super) fn row(&self, number: u32) -> &[T] {
         &self.rows[(number - self.first) as usize]
     }
 
-    fn extend(&mut self, rows: impl IntoIterator<Item = Vec<T>>) {
+    pub(super) fn extend(&mut self, rows: impl IntoIterator<Item = Vec<T>>) {
         self.rows.extend(rows);
     }
 
-    fn drop_before(&mut self, number: u32) {
+    pub(super) fn drop_before(&mut self, number: u32) {
         while self.first < number && self.rows.pop_front().is_some() {
             self.first += 1;
         }
@@ -73,9 +75,10 @@ impl Level {
 /// Takes rows of level 0 and writes tiles of all levels as soon as their rows are complete.
 pub(super) struct Pyramid {
     levels: Vec<Level>,
-    /// Unrounded rows of level 0, for curvature.
-    relief: Rows<f32>,
+    /// Densities of level 0 before they spread.
+    unspread: Rows<u8>,
     density: DensitySettings,
+    kernel: DensityKernel,
     index: TileIndex,
     dir: PathBuf,
     bytes: u64,
@@ -96,8 +99,9 @@ impl Pyramid {
         };
         Self {
             levels: (0..file.levels).map(level).collect(),
-            relief: Rows::new(),
+            unspread: Rows::new(),
             density: file.density.clone(),
+            kernel: DensityKernel::new(&file.density, file.height_step_m, file.spacing_m, 0),
             index: TileIndex::new(file),
             dir: dir.to_owned(),
             bytes: 0,
@@ -119,8 +123,8 @@ impl Pyramid {
     /// Takes the next rows of level 0 and does all that they make possible.
     pub(super) fn push(&mut self, band: ConvertedBand) -> Result<(), BakeError> {
         self.levels[0].heights.extend(band.heights);
-        self.relief.extend(band.relief);
         self.make_densities();
+        self.spread_densities();
         for level in 1..self.levels.len() {
             self.make_level(level);
         }
@@ -129,41 +133,65 @@ impl Pyramid {
         Ok(())
     }
 
-    /// Densities of level 0 from the relief.
+    /// Densities of level 0 from its heights.
     fn make_densities(&mut self) {
         let level = &self.levels[0];
-        let [width, height] = level.samples;
-        let first = level.densities.end();
+        let height = level.samples[1];
+        let first = self.unspread.end();
         // Texel row t takes the curvature of sample rows 4 t ..= 4 t + 4, and that of the last one
         // takes the row after it.
         let mut end = first;
         while end < level.texels[1]
-            && self.relief.end() > (height - 1).min(DENSITY_CELL * (end + 1) + 1)
+            && level.heights.end() > (height - 1).min(DENSITY_CELL * (end + 1) + 1)
         {
             end += 1;
         }
-        let rows: Vec<Vec<u8>> = (first..end)
+        if end == first {
+            return;
+        }
+        let source = DensityRows {
+            samples: level.samples,
+            first_column: 0,
+            row: |z| level.heights.row(z),
+        };
+        // In blocks whose samples stay close to the core that works on them.
+        let width = level.texels[0];
+        let blocks: Vec<_> = (0..width.div_ceil(DENSITY_TEXELS))
             .into_par_iter()
-            .map(|texel| {
-                let mut curvature = vec![0.0; width as usize];
-                let mut largest = vec![0_f32; width as usize];
-                let rows = DENSITY_CELL * texel..=(DENSITY_CELL * (texel + 1)).min(height - 1);
-                for row in rows {
-                    curvature_row(|z| self.relief.row(z), row, height, &mut curvature);
-                    for (largest, &curvature) in largest.iter_mut().zip(&curvature) {
-                        *largest = largest.max(curvature);
-                    }
-                }
-                largest_by_cell(&largest)
-                    .map(|curvature| quantise_density(curvature, &self.density))
-                    .collect()
+            .map_init(DensityScratch::default, |scratch, block| {
+                let start = block * DENSITY_TEXELS;
+                let columns = start..(start + DENSITY_TEXELS).min(width);
+                densities(&self.kernel, &source, columns, first..end, scratch)
             })
             .collect();
-        self.levels[0].densities.extend(rows);
-        let keep = (DENSITY_CELL * end)
-            .saturating_sub(1)
-            .min(height.saturating_sub(3));
-        self.relief.drop_before(keep);
+        let rows = (0..(end - first) as usize).map(|row| {
+            let mut out = Vec::with_capacity(width as usize);
+            for block in &blocks {
+                let columns = block.len() / (end - first) as usize;
+                out.extend_from_slice(&block[row * columns..][..columns]);
+            }
+            out
+        });
+        self.unspread.extend(rows);
+    }
+
+    /// Densities of level 0 as they are stored.
+    fn spread_densities(&mut self) {
+        let settings = &self.density;
+        let reach = settings.reach().max(settings.border_reach());
+        let level = &mut self.levels[0];
+        let rows = level.texels[1];
+        let first = level.densities.end();
+        let mut end = first;
+        while end < rows && self.unspread.end() > (rows - 1).min(end + reach) {
+            end += 1;
+        }
+        let spread: Vec<_> = (first..end)
+            .into_par_iter()
+            .map(|z| spread_row(settings, z, rows, |z| self.unspread.row(z)))
+            .collect();
+        level.densities.extend(spread);
+        self.unspread.drop_before(end.saturating_sub(reach));
     }
 
     /// Rows of a level from those of the level below it.
@@ -196,17 +224,12 @@ impl Pyramid {
         while end < coarser.texels[1] && finer.densities.end() > last.min(2 * end + 1) {
             end += 1;
         }
-        let width = coarser.texels[0] as usize;
         let rows: Vec<Vec<u8>> = (first..end)
             .into_par_iter()
             .map(|row| {
                 let above = finer.densities.row((2 * row).min(last));
                 let below = finer.densities.row((2 * row + 1).min(last));
-                let pairs = above.chunks(2).zip(below.chunks(2));
-                let largest = pairs.map(|(a, b)| a.iter().chain(b).copied().max());
-                let out: Vec<u8> = largest.map(Option::unwrap_or_default).collect();
-                debug_assert_eq!(out.len(), width);
-                out
+                coarser_row(&self.density, row, above, below)
             })
             .collect();
         coarser.densities.extend(rows);
@@ -227,7 +250,7 @@ impl Pyramid {
             .map(|address| {
                 let level = &self.levels[usize::from(address.level)];
                 let heights = height_window(level, address);
-                let densities = density_window(level, address);
+                let densities = density_window(&level.densities, level.texels, address);
                 let bytes = writer::write_tile(&self.dir, address, &heights, &densities)?;
                 Ok::<_, BakeError>((address, heights.range(), bytes))
             })
@@ -262,38 +285,6 @@ impl Pyramid {
             level.densities.drop_before(densities);
         }
     }
-}
-
-/// The absolute mean curvature of row `row` of `height` rows that `relief` gives, in heights over
-/// spacing. The first and the last row take their neighbours' curvature where they have one.
-pub fn curvature_row<'a>(
-    relief: impl Fn(u32) -> &'a [f32],
-    row: u32,
-    height: u32,
-    out: &mut [f32],
-) {
-    let last = height - 1;
-    let centre = if height < 3 {
-        row
-    } else {
-        row.clamp(1, last - 1)
-    };
-    mean_curvature(
-        relief(centre.saturating_sub(1)),
-        relief(centre),
-        relief((centre + 1).min(last)),
-        out,
-    );
-}
-
-/// The largest of every texel's samples along a row: 4 own and the next texel's first.
-fn largest_by_cell(row: &[f32]) -> impl Iterator<Item = f32> {
-    let cell = DENSITY_CELL as usize;
-    let texels = (row.len() - 1).div_ceil(cell);
-    (0..texels).map(move |texel| {
-        let samples = &row[cell * texel..row.len().min(cell * (texel + 1) + 1)];
-        samples.iter().copied().fold(0.0, f32::max)
-    })
 }
 
 /// One row of the coarser level from three of the finer: the mean with the weights 1 2 1, 2 4 2,
@@ -367,14 +358,13 @@ fn height_window(level: &Level, address: TileAddress) -> HeightTile {
     HeightTile::from_samples(samples).expect("the window has a tile's size")
 }
 
-fn density_window(level: &Level, address: TileAddress) -> DensityTile {
+/// The density tile at `address` of a level with `texels` texels in x and z.
+pub(super) fn density_window(
+    densities: &Rows<u8>,
+    texels: [u32; 2],
+    address: TileAddress,
+) -> DensityTile {
     let first = (address.x * DENSITY_TEXELS, address.z * DENSITY_TEXELS);
-    let texels = window(
-        &level.densities,
-        level.texels,
-        first,
-        DENSITY_BORDER,
-        DENSITY_STORED,
-    );
+    let texels = window(densities, texels, first, DENSITY_BORDER, DENSITY_STORED);
     DensityTile::from_samples(texels).expect("the window has a tile's size")
 }

@@ -29,9 +29,6 @@ impl RawBand {
 pub(super) struct ConvertedBand {
     /// Stored heights.
     pub(super) heights: Vec<Vec<u16>>,
-    /// The same heights before they were rounded, above the range's lower end and in sample
-    /// spacings: what curvature is taken from, so that it doesn't see the rounding's steps.
-    pub(super) relief: Vec<Vec<f32>>,
     /// Samples that lay outside the range.
     pub(super) clamped: u64,
 }
@@ -112,30 +109,23 @@ pub(super) fn check_row(source: &dyn HeightSource, row: &[f32], z: u32) -> Resul
 pub(super) struct Quantiser {
     low: f64,
     step: f64,
-    spacing: f64,
     codes: Option<CodeTable>,
 }
 
-/// Every code's stored height and relief: a look-up is the fastest conversion there is, and the
+/// Every code's stored height: a look-up is the fastest conversion there is, and the
 /// same numbers come out as from metres.
 struct CodeTable {
     heights: Box<[u16]>,
-    relief: Box<[f32]>,
     /// Whether the code lies outside the range; `None` where no code does.
     clamped: Option<Box<[bool]>>,
 }
 
 impl Quantiser {
-    pub(super) fn new(
-        range: &RangeInclusive<f64>,
-        spacing_m: f64,
-        codes: Option<CodeMapping>,
-    ) -> Self {
+    pub(super) fn new(range: &RangeInclusive<f64>, codes: Option<CodeMapping>) -> Self {
         let low = *range.start();
         let mut quantiser = Self {
             low,
             step: (range.end() - low) / f64::from(u16::MAX),
-            spacing: spacing_m,
             codes: None,
         };
         quantiser.codes = codes.map(|mapping| {
@@ -144,11 +134,10 @@ impl Quantiser {
                 .collect();
             CodeTable {
                 heights: converted.iter().map(|sample| sample.0).collect(),
-                relief: converted.iter().map(|sample| sample.1).collect(),
                 clamped: converted
                     .iter()
-                    .any(|sample| sample.2)
-                    .then(|| converted.iter().map(|sample| sample.2).collect()),
+                    .any(|sample| sample.1)
+                    .then(|| converted.iter().map(|sample| sample.1).collect()),
             }
         });
         quantiser
@@ -162,20 +151,18 @@ impl Quantiser {
         self.step
     }
 
-    /// Stored height, relief in spacings, and whether the height lay outside the range by more
-    /// than rounding.
-    fn sample(&self, height_m: f32) -> (u16, f32, bool) {
+    /// Stored height, and whether the height lay outside the range by more than rounding.
+    fn sample(&self, height_m: f32) -> (u16, bool) {
         let wanted = (f64::from(height_m) - self.low) / self.step;
         let top = f64::from(u16::MAX);
         let kept = wanted.clamp(0.0, top);
         let outside = wanted < -0.5 || wanted > top + 0.5;
-        let relief = (kept * self.step / self.spacing) as f32;
-        ((kept + 0.5) as u16, relief, outside)
+        ((kept + 0.5) as u16, outside)
     }
 
     pub(super) fn convert(&self, band: &RawBand) -> ConvertedBand {
         let width = band.width;
-        let rows: Vec<(Vec<u16>, Vec<f32>, u64)> = match (&band.values, &self.codes) {
+        let rows: Vec<(Vec<u16>, u64)> = match (&band.values, &self.codes) {
             (RawValues::Codes(values), Some(table)) => values
                 .par_chunks_exact(width)
                 .map(|row| table.convert(row))
@@ -183,27 +170,23 @@ impl Quantiser {
             (RawValues::Metres(values), _) => values
                 .par_chunks_exact(width)
                 .map(|row| {
-                    let (mut heights, mut relief) = (vec![0; width], vec![0.0; width]);
                     let mut clamped = 0;
-                    for x in 0..width {
-                        let (height, rise, outside) = self.sample(row[x]);
-                        heights[x] = height;
-                        relief[x] = rise;
+                    let heights = row.iter().map(|&height_m| {
+                        let (height, outside) = self.sample(height_m);
                         clamped += u64::from(outside);
-                    }
-                    (heights, relief, clamped)
+                        height
+                    });
+                    (heights.collect(), clamped)
                 })
                 .collect(),
             (RawValues::Codes(_), None) => Vec::new(),
         };
         let mut band = ConvertedBand {
             heights: Vec::with_capacity(rows.len()),
-            relief: Vec::with_capacity(rows.len()),
             clamped: 0,
         };
-        for (heights, relief, clamped) in rows {
+        for (heights, clamped) in rows {
             band.heights.push(heights);
-            band.relief.push(relief);
             band.clamped += clamped;
         }
         band
@@ -211,13 +194,12 @@ impl Quantiser {
 }
 
 impl CodeTable {
-    fn convert(&self, row: &[u16]) -> (Vec<u16>, Vec<f32>, u64) {
+    fn convert(&self, row: &[u16]) -> (Vec<u16>, u64) {
         let heights = row.iter().map(|&code| self.heights[usize::from(code)]);
-        let relief = row.iter().map(|&code| self.relief[usize::from(code)]);
         let clamped = self.clamped.as_ref().map_or(0, |clamped| {
             let outside = |code: &&u16| clamped[usize::from(**code)];
             row.iter().filter(outside).count() as u64
         });
-        (heights.collect(), relief.collect(), clamped)
+        (heights.collect(), clamped)
     }
 }

@@ -1,6 +1,7 @@
 //! What a bake says: while it runs, when it is done, and when it can't be.
 
 use super::SourceError;
+use crate::density::DensitySettingsError;
 use crate::terrain::ManifestError;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
@@ -17,6 +18,8 @@ pub enum BakeStage {
     Fill,
     /// Making tiles.
     Bake,
+    /// Making densities anew; counted in tiles.
+    Density,
     /// Putting the finished terrain in its place.
     Finish,
 }
@@ -157,16 +160,24 @@ pub enum BakeError {
         /// The spacing in metres.
         found: f64,
     },
-    /// A density setting is not positive.
-    #[error(
-        "a density gain of {gain} with an exponent of {exponent} can't be used: both must be \
-         positive"
-    )]
-    Density {
-        /// The gain.
-        gain: f32,
-        /// The exponent.
-        exponent: f32,
+    /// A density setting is out of bounds.
+    #[error(transparent)]
+    Density(#[from] DensitySettingsError),
+    /// The folder whose densities should be made holds no terrain.
+    #[error("{} is no terrain that can be used: {reason}", path.display())]
+    Terrain {
+        /// The folder.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: Box<ManifestError>,
+    },
+    /// A tile of the terrain whose densities should be made can't be used.
+    #[error("{} can't be used: {reason}; bake the terrain again", path.display())]
+    Tile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
     },
     /// The manifest that would be written couldn't be read again.
     #[error("the terrain can't be described: {reason}")]

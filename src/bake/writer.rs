@@ -202,14 +202,36 @@ pub(super) fn write_tile(
     heights: &HeightTile,
     densities: &DensityTile,
 ) -> Result<u64, BakeError> {
-    let heights = heights.encode(address);
-    let densities = densities.encode(address);
-    for (path, bytes) in [
-        (HeightTile::path(address), &heights),
-        (DensityTile::path(address), &densities),
-    ] {
-        let path = dir.join(path);
-        fs::write(&path, bytes).map_err(failed(&path))?;
+    let bytes = write(dir, &HeightTile::path(address), &heights.encode(address))?;
+    Ok(bytes + write_densities(dir, address, densities)?)
+}
+
+/// Writes a tile's densities; returns the number of bytes.
+pub(super) fn write_densities(
+    dir: &Path,
+    address: TileAddress,
+    densities: &DensityTile,
+) -> Result<u64, BakeError> {
+    write(dir, &DensityTile::path(address), &densities.encode(address))
+}
+
+fn write(dir: &Path, path: &str, bytes: &[u8]) -> Result<u64, BakeError> {
+    let path = dir.join(path);
+    fs::write(&path, bytes).map_err(failed(&path))?;
+    Ok(bytes.len() as u64)
+}
+
+/// Puts a tile's heights of the terrain in `source` into that in `dir`, as a second name of the
+/// same file where the file system has such a thing.
+pub(super) fn link_heights(
+    source: &Path,
+    dir: &Path,
+    address: TileAddress,
+) -> Result<(), BakeError> {
+    let path = HeightTile::path(address);
+    let (from, to) = (source.join(&path), dir.join(&path));
+    if fs::hard_link(&from, &to).is_ok() {
+        return Ok(());
     }
-    Ok((heights.len() + densities.len()) as u64)
+    fs::copy(&from, &to).map(drop).map_err(failed(&to))
 }

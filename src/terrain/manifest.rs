@@ -1,5 +1,6 @@
 //! What a terrain is: its size, its scale and how its densities were made.
 
+use crate::density::{DensitySettings, DensitySettingsError};
 use crate::tile::{TILE_SAMPLES, TileFormatError, TileIndex};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -8,7 +9,7 @@ use thiserror::Error;
 /// What the manifest's `format` field must say.
 pub const MANIFEST_MAGIC: &str = "tessera-terrain";
 /// The manifest version that this crate writes and reads.
-pub const MANIFEST_VERSION: u32 = 1;
+pub const MANIFEST_VERSION: u32 = 2;
 /// Name of the manifest in a terrain's folder.
 pub const MANIFEST_FILE: &str = "terrain.ron";
 /// Name of the tile index in a terrain's folder.
@@ -47,43 +48,6 @@ pub struct ManifestFile {
     pub density: DensitySettings,
     /// CRC-32 of the tile index, so that a manifest and an index of two bakes are not mixed.
     pub index_crc32: u32,
-}
-
-/// How densities follow from heights (reference: Cervin, *Adaptive Hardware-accelerated Terrain
-/// Tessellation*, section 3.3).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DensitySettings {
-    /// The curvature estimate.
-    pub filter: DensityFilter,
-    /// Scale of normalised curvature before it is clamped to 0..1.
-    pub gain: f32,
-    /// Exponent applied to the clamped curvature; 1 stays 1.
-    pub exponent: f32,
-}
-
-impl Default for DensitySettings {
-    /// Mean curvature, a gain of [`DEFAULT_GAIN`](Self::DEFAULT_GAIN), an exponent of 1.
-    fn default() -> Self {
-        Self {
-            filter: DensityFilter::default(),
-            gain: Self::DEFAULT_GAIN,
-            exponent: 1.0,
-        }
-    }
-}
-
-impl DensitySettings {
-    /// The gain unless told otherwise.
-    pub const DEFAULT_GAIN: f32 = 2.0;
-}
-
-/// The curvature estimate that densities come from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[non_exhaustive]
-pub enum DensityFilter {
-    /// Mean curvature by central differences, equation 2.26.
-    #[default]
-    Mean,
 }
 
 /// A terrain's manifest together with the index of its tiles: everything that is known before
@@ -174,8 +138,7 @@ impl ManifestFile {
         number("spacing_m", self.spacing_m, true)?;
         number("height_min_m", self.height_min_m, false)?;
         number("height_step_m", self.height_step_m, true)?;
-        number("density.gain", self.density.gain.into(), true)?;
-        number("density.exponent", self.density.exponent.into(), true)
+        self.density.validate().map_err(ManifestError::Density)
     }
 }
 
@@ -330,6 +293,9 @@ pub enum ManifestError {
         /// Its value.
         value: f64,
     },
+    /// The density settings can't be.
+    #[error("terrain.ron can't be used: {0}")]
+    Density(#[source] DensitySettingsError),
     /// The index is damaged.
     #[error("tiles.index can't be used: {0}")]
     Index(#[source] TileFormatError),

@@ -12,6 +12,7 @@ mod manifest;
 #[cfg(feature = "ecs")]
 mod plugin;
 
+pub use crate::density::{DensityBorder, DensityFilter, DensitySettings, DensitySettingsError};
 #[cfg(feature = "ecs")]
 pub use camera::{TerrainCamera, TerrainCameraError};
 #[cfg(feature = "ecs")]
@@ -22,8 +23,8 @@ pub use events::{TerrainFailed, TerrainReady, TileEvicted, TileFailed, TileLoade
 pub use loader::{ManifestLoadError, TerrainManifestLoader};
 pub(crate) use manifest::check_size;
 pub use manifest::{
-    DensityFilter, DensitySettings, INDEX_FILE, MANIFEST_FILE, MANIFEST_MAGIC, MANIFEST_VERSION,
-    MAX_LEAF_TILES, MAX_LEVELS, MAX_SIZE, MIN_SIZE, ManifestError, ManifestFile, TerrainManifest,
+    INDEX_FILE, MANIFEST_FILE, MANIFEST_MAGIC, MANIFEST_VERSION, MAX_LEAF_TILES, MAX_LEVELS,
+    MAX_SIZE, MIN_SIZE, ManifestError, ManifestFile, TerrainManifest,
 };
 #[cfg(feature = "ecs")]
 pub use plugin::{TerrainPlugin, TerrainSystems};

@@ -1,0 +1,295 @@
+//! Making a terrain's densities anew, from the heights that are stored.
+
+use super::pyramid::{Rows, density_window};
+use super::writer::{self, PartialTerrain};
+use super::{BakeError, BakeProgress, BakeStage};
+use crate::density::{
+    DensityKernel, DensityScratch, DensitySettings, coarser_row, spread_row, texels_of,
+    tile_densities,
+};
+use crate::terrain::{ManifestFile, TerrainManifest};
+use crate::tile::{
+    DENSITY_BORDER, DENSITY_TEXELS, DensityTile, HeightTile, TileAddress, TileFormatError,
+    TileIndex,
+};
+use rayon::prelude::*;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+const TEXELS: usize = DENSITY_TEXELS as usize;
+type Block = [u8; TEXELS * TEXELS];
+
+/// What a rebake made.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct DensityReport {
+    /// Tiles whose densities were made.
+    pub tiles: u64,
+    /// Bytes of density tiles written.
+    pub bytes: u64,
+    /// Samples that curvature was taken of.
+    pub samples: u64,
+    /// Mean density of the finest tiles, 0..=1.
+    pub mean: f64,
+    /// How long it took.
+    pub elapsed: Duration,
+}
+
+/// Makes the densities of the terrain in the folder `dir` anew, as `settings` say. Its heights stay
+/// as they are, and the result is what a bake of the same heights with these settings would have
+/// made, byte for byte.
+///
+/// The new terrain is put together beside the old one, which it replaces at the end: who is
+/// stopped leaves the old one. Height tiles are linked, not copied, where the file system can.
+/// Memory grows with the terrain's width, by some hundred bytes a column.
+///
+/// Texels of tiles that lack a finer tile come from their own heights; what the thesis's
+/// normalisation is for (see [`density`](crate::density)).
+///
+/// # Errors
+/// For settings outside their ranges, a folder that is no terrain, a tile that can't be read, and
+/// where the result can't be written. The terrain is then as it was before.
+pub fn rebake_densities(
+    dir: &Path,
+    settings: &DensitySettings,
+    progress: &dyn BakeProgress,
+) -> Result<DensityReport, BakeError> {
+    let start = Instant::now();
+    settings.validate()?;
+    let TerrainManifest { mut file, index } =
+        TerrainManifest::read(dir).map_err(|reason| BakeError::Terrain {
+            path: dir.to_owned(),
+            reason: Box::new(reason),
+        })?;
+    writer::prepare(dir, true)?;
+    file.density = settings.clone();
+    let partial = PartialTerrain::create(dir, &file)?;
+    let stored = index.iter().count() as u64;
+    progress.stage(BakeStage::Density, stored);
+    let mut report = DensityReport {
+        tiles: 0,
+        bytes: 0,
+        samples: 0,
+        mean: 0.0,
+        elapsed: Duration::ZERO,
+    };
+    for level in 0..file.levels {
+        Rebake {
+            source: dir,
+            partial: partial.dir(),
+            file: &file,
+            index: &index,
+            level,
+            kernel: DensityKernel::new(settings, file.height_step_m, file.spacing_m, level),
+            progress,
+        }
+        .run(&mut report)?;
+    }
+    partial.write_index(&mut file, &index)?;
+    progress.stage(BakeStage::Finish, 0);
+    partial.publish(true)?;
+    report.elapsed = start.elapsed();
+    Ok(report)
+}
+
+/// One level of a rebake.
+struct Rebake<'a> {
+    source: &'a Path,
+    partial: &'a Path,
+    file: &'a ManifestFile,
+    index: &'a TileIndex,
+    level: u8,
+    kernel: DensityKernel,
+    progress: &'a dyn BakeProgress,
+}
+
+impl Rebake<'_> {
+    fn run(&self, report: &mut DensityReport) -> Result<(), BakeError> {
+        let settings = &self.file.density;
+        let tiles = self.file.tiles(self.level);
+        let texels = self.file.samples(self.level).map(texels_of);
+        let reach = settings.reach().max(settings.border_reach());
+        // Densities from heights, from finer densities, and both together.
+        let (mut own, mut finer, mut done) = (Rows::new(), Rows::new(), Rows::new());
+        let mut sum = 0;
+        let mut written = 0;
+        for z in 0..tiles[1] {
+            let blocks: Vec<(Block, Block, u64)> = (0..tiles[0])
+                .into_par_iter()
+                .map_init(DensityScratch::default, |scratch, x| {
+                    self.blocks(TileAddress::new(self.level, x, z), scratch)
+                })
+                .collect::<Result<_, _>>()?;
+            report.samples += blocks.iter().map(|block| block.2).sum::<u64>();
+            let rows = DENSITY_TEXELS.min(texels[1] - DENSITY_TEXELS * z) as usize;
+            let strip = |block: fn(&(Block, Block, u64)) -> &Block| {
+                let blocks = &blocks;
+                (0..rows).map(move |row| {
+                    let mut out: Vec<u8> = blocks
+                        .iter()
+                        .flat_map(|both| block(both)[TEXELS * row..][..TEXELS].iter().copied())
+                        .collect();
+                    out.truncate(texels[0] as usize);
+                    out
+                })
+            };
+            own.extend(strip(|both| &both.0));
+            finer.extend(strip(|both| &both.1));
+
+            let first = done.end();
+            let mut end = first;
+            while end < texels[1] && own.end() > (texels[1] - 1).min(end + reach) {
+                end += 1;
+            }
+            let rows: Vec<Vec<u8>> = (first..end)
+                .into_par_iter()
+                .map(|z| {
+                    let mut row = spread_row(settings, z, texels[1], |z| own.row(z));
+                    for (density, &finer) in row.iter_mut().zip(finer.row(z)) {
+                        *density = finer.max(*density);
+                    }
+                    row
+                })
+                .collect();
+            done.extend(rows);
+            own.drop_before(end.saturating_sub(reach));
+            finer.drop_before(end);
+
+            let needed = |z: u32| (DENSITY_TEXELS * (z + 1) + DENSITY_BORDER).min(texels[1] - 1);
+            while written < tiles[1] && done.end() > needed(written) {
+                let (tiles, total) = self.write_row(written, texels, &done)?;
+                report.tiles += tiles;
+                report.bytes += total.0;
+                sum += total.1;
+                written += 1;
+            }
+            let keep = (DENSITY_TEXELS * written).saturating_sub(DENSITY_BORDER);
+            done.drop_before(keep.min(texels[1] - 1));
+        }
+        if self.level == 0 {
+            let count = f64::from(texels[0]) * f64::from(texels[1]);
+            report.mean = sum as f64 / (255.0 * count);
+        }
+        Ok(())
+    }
+
+    /// A tile's own texels from its heights, those from its children, and the number of samples
+    /// that were looked at. What the one has is 0 in the other.
+    fn blocks(
+        &self,
+        address: TileAddress,
+        scratch: &mut DensityScratch,
+    ) -> Result<(Block, Block, u64), BakeError> {
+        let (mut own, mut finer) = ([0; TEXELS * TEXELS], [0; TEXELS * TEXELS]);
+        if self.index.get(address).is_none() {
+            return Ok((own, finer, 0));
+        }
+        let children = address.children().into_iter().flatten().filter(|child| {
+            let tiles = self.file.tiles(child.level);
+            child.x < tiles[0] && child.z < tiles[1]
+        });
+        let (mut missing, mut any) = (self.level == 0, false);
+        // Two by two children, side by side.
+        let mut below = vec![0; 4 * TEXELS * TEXELS];
+        let mut covered = [false; 4];
+        for child in children {
+            if self.index.get(child).is_none() {
+                missing = true;
+                continue;
+            }
+            any = true;
+            let quadrant = ((child.x & 1) + 2 * (child.z & 1)) as usize;
+            covered[quadrant] = true;
+            let densities: DensityTile = read(self.partial, &DensityTile::path(child), |bytes| {
+                DensityTile::decode(bytes, child)
+            })?;
+            let (x, z) = (
+                (child.x & 1) as usize * TEXELS,
+                (child.z & 1) as usize * TEXELS,
+            );
+            for row in 0..TEXELS {
+                for column in 0..TEXELS {
+                    below[2 * TEXELS * (z + row) + x + column] =
+                        densities.get(column as i32, row as i32);
+                }
+            }
+        }
+        if any {
+            for (row, pair) in below.chunks_exact(4 * TEXELS).enumerate() {
+                let (above, below) = pair.split_at(2 * TEXELS);
+                let z = DENSITY_TEXELS * address.z + row as u32;
+                let made = coarser_row(&self.file.density, z, above, below);
+                finer[TEXELS * row..][..TEXELS].copy_from_slice(&made);
+            }
+        }
+        if !missing {
+            return Ok((own, finer, 0));
+        }
+        let heights: HeightTile = read(self.source, &HeightTile::path(address), |bytes| {
+            HeightTile::decode(bytes, address)
+        })?;
+        let first = address.first_sample();
+        let samples = self.file.samples(self.level);
+        let first = [first.0, first.1];
+        tile_densities(
+            &self.kernel,
+            samples,
+            first,
+            heights.samples(),
+            scratch,
+            &mut own,
+        );
+        for (at, density) in own.iter_mut().enumerate() {
+            let (x, z) = (at % TEXELS, at / TEXELS);
+            if covered[2 * x / TEXELS + 2 * (2 * z / TEXELS)] {
+                *density = 0;
+            }
+        }
+        Ok((own, finer, (DENSITY_TEXELS * DENSITY_TEXELS * 16).into()))
+    }
+
+    /// Writes the stored tiles of a row. Returns their number, and bytes and the sum of densities.
+    fn write_row(
+        &self,
+        z: u32,
+        texels: [u32; 2],
+        done: &Rows<u8>,
+    ) -> Result<(u64, (u64, u64)), BakeError> {
+        let written: Vec<(u64, u64)> = (0..self.file.tiles(self.level)[0])
+            .into_par_iter()
+            .map(|x| TileAddress::new(self.level, x, z))
+            .filter(|&address| self.index.get(address).is_some())
+            .map(|address| {
+                let densities = density_window(done, texels, address);
+                let bytes = writer::write_densities(self.partial, address, &densities)?;
+                writer::link_heights(self.source, self.partial, address)?;
+                self.progress.advance(1);
+                let own =
+                    |at: u32, axis: usize| (texels[axis] - DENSITY_TEXELS * at).min(DENSITY_TEXELS);
+                let mut sum = 0;
+                for row in 0..own(z, 1) as i32 {
+                    for column in 0..own(address.x, 0) as i32 {
+                        sum += u64::from(densities.get(column, row));
+                    }
+                }
+                Ok((bytes, sum))
+            })
+            .collect::<Result<_, BakeError>>()?;
+        let total = written.iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        Ok((written.len() as u64, total))
+    }
+}
+
+fn read<T>(
+    dir: &Path,
+    path: &str,
+    decode: impl FnOnce(&[u8]) -> Result<T, TileFormatError>,
+) -> Result<T, BakeError> {
+    let path = dir.join(path);
+    let failed = |reason: String| BakeError::Tile {
+        path: path.clone(),
+        reason,
+    };
+    let bytes = std::fs::read(&path).map_err(|error| failed(error.to_string()))?;
+    decode(&bytes).map_err(|error| failed(error.to_string()))
+}

@@ -1,0 +1,157 @@
+//! `tessera bake`.
+
+use crate::density::DensityArgs;
+use crate::progress::Bar;
+use crate::text::{peak_memory_mib, range, rounded, size};
+use bevy_tessera::bake::import::{self, ImportSettings, Packing};
+use bevy_tessera::bake::{self, BakeReport, BakeSettings};
+use bevy_tessera::density::DensitySettings;
+use clap::Args;
+use std::error::Error;
+use std::io::Write;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+#[derive(Args)]
+pub struct BakeArgs {
+    /// The height map.
+    input: PathBuf,
+    /// The terrain's folder, which will be made.
+    #[arg(long, short, value_name = "DIR")]
+    out: PathBuf,
+    /// Metres between samples; what the file says, or 1, unless given.
+    #[arg(long, value_name = "METRES")]
+    spacing_m: Option<f64>,
+    /// Heights in metres that the terrain can store, as LO..HI; those of the file with headroom
+    /// unless given. For files whose numbers have no meaning of their own (grey PNG, unsigned
+    /// TIFF, .r16, rgb24) also what their lowest and highest number stand for.
+    #[arg(long, value_name = "LO..HI", allow_hyphen_values = true, value_parser = range)]
+    height_range_m: Option<RangeInclusive<f64>>,
+    /// Metres kept free below and above the file's heights, for digging and piling up.
+    #[arg(long, value_name = "METRES", default_value_t = bake::DEFAULT_HEADROOM_M)]
+    headroom_m: f64,
+    /// Metres a unit of the file's numbers.
+    #[arg(long, value_name = "METRES", allow_hyphen_values = true)]
+    height_scale: Option<f64>,
+    /// Metres of the file's number 0.
+    #[arg(long, value_name = "METRES", allow_hyphen_values = true)]
+    height_offset: Option<f64>,
+    /// Number in the file that says that there is no data.
+    #[arg(long, value_name = "NUMBER", allow_hyphen_values = true)]
+    no_data: Option<f64>,
+    /// Size of a raw file in samples.
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
+    size: Option<[u32; 2]>,
+    /// How heights are packed into the colours of a PNG file.
+    #[arg(long, value_enum)]
+    packing: Option<Packing>,
+    /// Read a raw file's numbers with their most significant byte first.
+    #[arg(long)]
+    big_endian: bool,
+    #[command(flatten)]
+    density: DensityArgs,
+    /// Replace a terrain that exists.
+    #[arg(long)]
+    force: bool,
+}
+
+pub fn bake(args: &BakeArgs) -> Result<ExitCode, Box<dyn Error>> {
+    let import = ImportSettings {
+        size: args.size,
+        packing: args.packing,
+        big_endian: args.big_endian,
+        scale: args.height_scale,
+        offset: args.height_offset,
+        range_m: args.height_range_m.clone(),
+        no_data: args.no_data,
+    };
+    let settings = BakeSettings {
+        spacing_m: args.spacing_m,
+        height_range_m: args.height_range_m.clone(),
+        headroom_m: args.headroom_m,
+        density: args.density.over(DensitySettings::default())?,
+        force: args.force,
+        ..Default::default()
+    };
+    let mut source = import::open(&args.input, &import)?;
+    let notes = source.notes();
+    let has_spacing = args.spacing_m.or(source.spacing_m()).is_some();
+    let progress = Bar::default();
+    let result = bake::bake(&mut *source, &args.out, &settings, &progress);
+    progress.clear();
+    let report = result?;
+
+    let mut out = std::io::stdout().lock();
+    let name = args.input.display();
+    for note in notes {
+        writeln!(out, "note: {name}: {note}")?;
+    }
+    if !has_spacing {
+        writeln!(
+            out,
+            "note: {name}: it doesn't say how far its samples lie apart, so 1 m is taken; \
+             --spacing-m says otherwise"
+        )?;
+    }
+    print_report(&mut out, &args.out, &report)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn print_report(out: &mut impl Write, dir: &Path, report: &BakeReport) -> std::io::Result<()> {
+    let [width, height] = report.size;
+    writeln!(
+        out,
+        "{}: {width} x {height} samples, {} m apart, {} levels, {} tiles, {:.1} MB",
+        dir.display(),
+        rounded(report.spacing_m),
+        report.levels,
+        report.tiles,
+        report.bytes as f64 / 1e6
+    )?;
+    let range = &report.height_range_m;
+    write!(
+        out,
+        "heights: {}..{} m in steps of {} m",
+        rounded(*range.start()),
+        rounded(*range.end()),
+        rounded(report.height_step_m)
+    )?;
+    match report.source_range_m {
+        Some((low, high)) => {
+            writeln!(out, " (the file has {}..{} m)", rounded(low), rounded(high))?
+        }
+        None => writeln!(out)?,
+    }
+    if report.clamped > 0 {
+        writeln!(
+            out,
+            "{} samples lay outside that range and were clamped",
+            report.clamped
+        )?;
+    }
+    if report.filled > 0 {
+        write!(
+            out,
+            "{} samples had no data and were filled from their surroundings",
+            report.filled
+        )?;
+        match report.fill_block {
+            1 => writeln!(out)?,
+            block => writeln!(
+                out,
+                ", from means of {block} x {block} samples, the file being large"
+            )?,
+        }
+    }
+    write!(
+        out,
+        "baked in {:.2} s, {:.1} million samples a second",
+        report.elapsed.as_secs_f64(),
+        report.samples_per_second() / 1e6
+    )?;
+    match peak_memory_mib() {
+        Some(peak) => writeln!(out, ", {peak} MiB of memory at most"),
+        None => writeln!(out),
+    }
+}

@@ -1,0 +1,104 @@
+//! `tessera`: bakes height maps into terrains, makes terrains of nothing, and looks at terrains.
+
+mod bake;
+mod density;
+mod generate;
+mod inspect;
+mod preview;
+mod progress;
+mod text;
+
+use clap::{Parser, Subcommand};
+use std::error::Error;
+use std::io::Write;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Terrain tools: bake height maps into terrains, generate, look at and verify terrains.
+#[derive(Parser)]
+#[command(name = "tessera", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Bake a height map into a terrain's folder.
+    ///
+    /// Reads PNG (grey of 1 to 16 bit, or heights packed into colours), TIFF and GeoTIFF (8 to 64
+    /// bit integers, 16 to 64 bit floats), OpenEXR, SRTM .hgt, and raw .r16 and .r32. Samples
+    /// without data are filled from their surroundings and counted.
+    Bake(bake::BakeArgs),
+    /// Make a terrain of nothing: fractal noise, or diamond-square.
+    ///
+    /// The same options make the same bytes on every machine.
+    Generate(generate::GenerateArgs),
+    /// Make a terrain's densities anew, without touching its heights.
+    ///
+    /// What isn't given stays as the terrain has it. The result is what a bake of the same heights
+    /// would make. Stopped half-way, it leaves the terrain as it was.
+    Density {
+        /// The terrain's folder.
+        dir: PathBuf,
+        #[command(flatten)]
+        density: density::DensityArgs,
+    },
+    /// Draw a terrain from above: shaded relief, densities (red where high, green where low), and
+    /// both blended.
+    Preview(preview::PreviewArgs),
+    /// Print what a terrain holds.
+    Inspect {
+        /// The terrain's folder.
+        dir: PathBuf,
+    },
+    /// Check every tile of a terrain and name each bad one.
+    ///
+    /// Checks magic, version, address and checksum, that neighbours are equal bit for bit in what
+    /// both hold, that every tile's parent is stored, and that the index covers every tile and its
+    /// children. Exits with 1 where something is wrong.
+    Verify {
+        /// The terrain's folder.
+        dir: PathBuf,
+    },
+}
+
+fn main() -> ExitCode {
+    // A decoder that panics is caught and told in a sentence; the panic's own report is noise.
+    std::panic::set_hook(Box::new(|_| {}));
+    let cli = Cli::parse();
+    match catch_unwind(AssertUnwindSafe(|| run(cli.command))) {
+        Ok(Ok(code)) => code,
+        Ok(Err(error)) => {
+            say_error(&error.to_string());
+            ExitCode::FAILURE
+        }
+        Err(panic) => {
+            let message = panic
+                .downcast_ref::<String>()
+                .map(String::as_str)
+                .or_else(|| panic.downcast_ref::<&str>().copied())
+                .unwrap_or("no reason given");
+            say_error(&format!("internal error, please report it: {message}"));
+            ExitCode::from(101)
+        }
+    }
+}
+
+/// One line on standard error; a reader that has gone away is no reason to panic.
+fn say_error(message: &str) {
+    let line = message.replace(['\n', '\r'], " ");
+    let _ = writeln!(std::io::stderr(), "tessera: {line}");
+}
+
+fn run(command: Command) -> Result<ExitCode, Box<dyn Error>> {
+    match command {
+        Command::Bake(args) => bake::bake(&args),
+        Command::Generate(args) => generate::generate(&args),
+        Command::Density { dir, density } => density::density(&dir, &density),
+        Command::Preview(args) => preview::preview(&args),
+        Command::Inspect { dir } => inspect::inspect(&dir),
+        Command::Verify { dir } => inspect::verify(&dir),
+    }
+}
