@@ -51,8 +51,9 @@ const TASK_SAMPLES: usize = 1 << 12;
 /// How a terrain is made.
 ///
 /// Below, `r` is [`GenerateSettings::roughness`], `g = 2^-r`, and `n_o` is octave `o` of gradient
-/// noise (OpenSimplex2S), from -1 to 1, whose wavelength is `wavelength_m / 2^o`. Sums are scaled
-/// to [`GenerateSettings::relief_m`]; the few heights that would lie beyond are squeezed in.
+/// noise (OpenSimplex2S), from -1 to 1, whose wavelength is `wavelength_m / 2^o`. Sums are divided
+/// by the most that they can be and scaled to [`GenerateSettings::relief_m`]; of the hybrid, the
+/// few heights that lie beyond are squeezed in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum GeneratorKind {
@@ -143,8 +144,8 @@ pub struct GenerateSettings {
     /// spacing shows the same ground in more detail.
     pub spacing_m: f64,
     /// Metres between which heights spread: they lie from 0 to here, up to a million metres. A
-    /// diamond-square terrain (the square that it is cut from) reaches both ends, a noise comes
-    /// near them where there is room for several of its largest features.
+    /// diamond-square terrain (the square that it is cut from) reaches both ends, a noise seldom
+    /// comes near them.
     pub relief_m: f64,
     /// Metres that the largest features of a noise are wide: from twice the spacing to
     /// [`MAX_WAVELENGTH_M`]. Diamond-square ignores it.
@@ -165,14 +166,15 @@ pub struct GenerateSettings {
 }
 
 impl GenerateSettings {
-    /// Believable ground of a kind: samples a metre apart, features of a kilometre that rise 160 m
-    /// (the hybrid's 200 m), a roughness of 1.1. Diamond-square, whose features are as wide as the
+    /// Believable ground of a kind: samples a metre apart, features of a kilometre that rise at
+    /// most 160 m (ridged), 200 m (hybrid) or 240 m (fbm), a roughness of 1.1. Diamond-square, whose features are as wide as the
     /// terrain, rises 15 m for every hundred samples of the longer side.
     #[must_use]
     pub fn new(kind: GeneratorKind, size: [u32; 2]) -> Self {
         let relief_m = match kind {
             GeneratorKind::DiamondSquare => 0.15 * f64::from(size[0].max(size[1])),
-            GeneratorKind::Fbm | GeneratorKind::Ridged => 160.0,
+            GeneratorKind::Fbm => 240.0,
+            GeneratorKind::Ridged => 160.0,
             GeneratorKind::Hybrid => 200.0,
         };
         Self {

@@ -5,17 +5,15 @@ use super::hash::fold;
 use super::{GenerateSettings, GeneratorKind};
 use fastnoise_lite::{FastNoiseLite, NoiseType};
 
-/// The standard deviation of one octave of the base noise, as measured over 128 x 128 of its
-/// cells.
-const DEVIATION: f32 = 0.42;
 /// The hybrid's octaves of ridges.
 const COARSE_OCTAVES: u32 = 4; // GeneratorKind::Hybrid says so.
 /// How far crests are bent, in wavelengths of what bends them.
 const BEND: f64 = 0.2;
 /// Wavelengths over which a noise is blended into its repetition where the terrain wraps.
 const BLEND_WAVELENGTHS: f64 = 2.0;
-/// From how far out, of 1, values are squeezed so as to stay within their range.
-const SHOULDER: f32 = 0.75;
+/// From how far out, of 1, values are squeezed so as to stay within their range. Squeezed ground
+/// loses its detail, and so few values may come that far.
+const SHOULDER: f32 = 0.9;
 
 /// One octave of gradient noise.
 struct Octave {
@@ -126,9 +124,8 @@ impl Copies {
 pub(super) struct Noise {
     shape: Shape,
     octaves: Vec<Octave>,
-    /// The sum of all amplitudes, and the standard deviation of the octaves' fBm.
+    /// The sum of all amplitudes.
     sum: f32,
-    deviation: f32,
 }
 
 enum Shape {
@@ -157,40 +154,31 @@ impl Noise {
             },
             _ => Shape::Fbm,
         };
-        let amplitudes = amplitudes(settings, settings.octaves);
-        let squares: f32 = amplitudes
-            .clone()
-            .map(|amplitude| amplitude * amplitude)
-            .sum();
         Self {
             shape,
             octaves,
-            sum: amplitudes.sum(),
-            deviation: DEVIATION * squares.sqrt(),
+            sum: amplitudes(settings, settings.octaves).sum(),
         }
     }
 
     /// The height of a sample, from 0 to 1.
     pub(super) fn at(&self, x: u32, z: u32) -> f32 {
         match &self.shape {
-            Shape::Fbm => {
-                let reach = 3.0 * self.deviation;
-                spread(fbm(&self.octaves, x, z), -reach, reach)
-            }
-            Shape::Ridged => spread(ridged(&self.octaves, x, z, [0.0; 2]) / self.sum, 0.0, 1.0),
+            Shape::Fbm => (0.5 + 0.5 * fbm(&self.octaves, x, z) / self.sum).clamp(0.0, 1.0),
+            Shape::Ridged => (ridged(&self.octaves, x, z, [0.0; 2]) / self.sum).clamp(0.0, 1.0),
             Shape::Hybrid { ridges, sum, hills } => {
                 let (ridges, detail) = self.octaves.split_at(*ridges);
                 let (hill, bend) = bent_fbm(hills, x, z);
                 let coarse = 0.25 + 0.5 * (ridged(ridges, x, z, bend) + hill) / sum;
                 let detail = fbm(detail, x, z) / sum;
-                spread(coarse + (1.0 - coarse).max(0.0) * detail, 0.0, 1.0)
+                squeeze(coarse + (1.0 - coarse).max(0.0) * detail)
             }
         }
     }
 }
 
 /// `g^o` for the first `count` octaves.
-fn amplitudes(settings: &GenerateSettings, count: u32) -> impl Iterator<Item = f32> + Clone {
+fn amplitudes(settings: &GenerateSettings, count: u32) -> impl Iterator<Item = f32> {
     let roughness = settings.roughness;
     (0..count).map(move |octave| libm::exp2(-roughness * f64::from(octave)) as f32)
 }
@@ -247,10 +235,10 @@ fn ridged(octaves: &[Octave], x: u32, z: u32, shift: [f64; 2]) -> f32 {
     sum
 }
 
-/// Takes `low` to 0 and `high` to 1, straight in between except near them, where it bends so that
-/// what lies beyond stays within.
-fn spread(value: f32, low: f32, high: f32) -> f32 {
-    let centred = (2.0 * value - low - high) / (high - low);
+/// Leaves values from 0 to 1 as they are, except near either end, where they bend so that what lies
+/// beyond stays within.
+fn squeeze(value: f32) -> f32 {
+    let centred = 2.0 * value - 1.0;
     let over = (centred.abs() - SHOULDER) / (1.0 - SHOULDER);
     let bent = if over > 0.0 {
         (SHOULDER + (1.0 - SHOULDER) * over / (1.0 + over)).copysign(centred)
