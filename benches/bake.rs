@@ -1,11 +1,12 @@
 //! What the parts of a bake cost, in samples per second. The whole of it is what `tessera bake`
 //! prints.
 
-use bevy_tessera::bake::curvature::mean_curvature;
-use bevy_tessera::bake::{BakeSettings, MemorySource, bake, tent_row};
+use bevy_tessera::bake::import::{self, ImportSettings};
+use bevy_tessera::bake::{BakeSettings, bake, tent_row};
 use bevy_tessera::tile::{HeightTile, TileAddress};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
+use std::time::Duration;
 
 const WIDTH: usize = 4097;
 
@@ -14,27 +15,10 @@ fn wave(x: usize, z: usize) -> f32 {
 }
 
 fn rows(criterion: &mut Criterion) {
-    let relief: Vec<Vec<f32>> = (0..3)
-        .map(|z| (0..WIDTH).map(|x| wave(x, z)).collect())
-        .collect();
-    let heights: Vec<Vec<u16>> = relief
-        .iter()
-        .map(|row| row.iter().map(|&height| (height * 500.0) as u16).collect())
+    let heights: Vec<Vec<u16>> = (0..3)
+        .map(|z| (0..WIDTH).map(|x| (wave(x, z) * 500.0) as u16).collect())
         .collect();
     let mut group = criterion.benchmark_group("bake/row");
-    group.throughput(Throughput::Elements(WIDTH as u64));
-    group.bench_function("mean curvature", |bencher| {
-        let mut out = vec![0.0; WIDTH];
-        bencher.iter(|| {
-            mean_curvature(
-                black_box(&relief[0]),
-                black_box(&relief[1]),
-                black_box(&relief[2]),
-                &mut out,
-            );
-            black_box(out[WIDTH / 2])
-        });
-    });
     // Counted in samples of the finer level, of which two rows make one.
     group.throughput(Throughput::Elements(2 * WIDTH as u64));
     group.bench_function("tent filter", |bencher| {
@@ -69,25 +53,45 @@ fn tiles(criterion: &mut Criterion) {
 }
 
 fn whole(criterion: &mut Criterion) {
-    let size = [2049, 1025];
-    let heights = (0..size[0] as usize * size[1] as usize)
-        .map(|at| wave(at % size[0] as usize, at / size[0] as usize))
+    let size = [4097, 2049];
+    let codes: Vec<u16> = (0..size[0] as usize * size[1] as usize)
+        .map(|at| (wave(at % size[0] as usize, at / size[0] as usize) * 500.0) as u16)
         .collect();
-    let mut source = MemorySource::new(size, heights).expect("sizes match");
-    let settings = BakeSettings {
-        force: true,
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let source = folder.path().join("source.r16");
+    let bytes: Vec<u8> = codes.iter().flat_map(|code| code.to_le_bytes()).collect();
+    std::fs::write(&source, bytes).expect("the disk has room");
+    let out = folder.path().join("terrain");
+    let import = ImportSettings {
+        size: Some(size),
         ..Default::default()
     };
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let out = folder.path().join("terrain");
     let mut group = criterion.benchmark_group("bake");
-    group.sample_size(10);
+    group.sample_size(20);
     group.throughput(Throughput::Elements(
         u64::from(size[0]) * u64::from(size[1]),
     ));
-    group.bench_function("2049 x 1025 floats to disk", |bencher| {
-        bencher.iter(|| bake(&mut source, &out, &settings, &()).expect("the bake succeeds"));
-    });
+    for (name, leave_out_densities) in [
+        ("4097 x 2049 u16 to disk", false),
+        ("the same without densities", true),
+    ] {
+        let settings = BakeSettings {
+            leave_out_densities,
+            ..Default::default()
+        };
+        group.bench_function(name, |bencher| {
+            bencher.iter_custom(|times| {
+                let mut elapsed = Duration::ZERO;
+                for _ in 0..times {
+                    let mut source = import::open(&source, &import).expect("a good source");
+                    let report = bake(&mut *source, &out, &settings, &());
+                    elapsed += report.expect("the bake succeeds").elapsed;
+                    std::fs::remove_dir_all(&out).expect("it can be removed");
+                }
+                elapsed
+            });
+        });
+    }
     group.finish();
 }
 

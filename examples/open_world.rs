@@ -19,6 +19,7 @@ use bevy::pbr::{AtmosphereSettings, DistanceFog, FogFalloff};
 use bevy::prelude::*;
 use bevy::render::renderer::RenderAdapterInfo;
 use bevy_tessera::TerrainPlugins;
+use bevy_tessera::render::TerrainDensityPreview;
 use bevy_tessera::terrain::{Terrain, TerrainCamera};
 
 /// Where the sun's light comes from.
@@ -32,8 +33,18 @@ fn main() -> AppExit {
         .run()
 }
 
-fn setup(mut commands: Commands, assets: Res<AssetServer>, terrain: Res<kit::TerrainPath>) {
-    commands.spawn(Terrain::new(assets.load(terrain.0.clone())));
+fn setup(
+    mut commands: Commands,
+    assets: Res<AssetServer>,
+    terrain: Res<kit::TerrainPath>,
+    arguments: Res<kit::Arguments>,
+) {
+    let mut terrain = commands.spawn(Terrain::new(assets.load(terrain.0.clone())));
+    if let Some(gain) = arguments.density_gain {
+        let mut preview = TerrainDensityPreview::default();
+        preview.settings.gain = gain;
+        terrain.insert(preview);
+    }
     commands.spawn((
         TerrainCamera::default(),
         FreeCamera {

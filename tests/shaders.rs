@@ -6,8 +6,8 @@ mod common;
 use bevy::prelude::*;
 use bevy::shader::{Shader, ShaderDefVal, Source};
 use bevy_tessera::render::{
-    DEFAULT_MATERIAL_WGSL, GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex,
-    GpuTerrainView, compose_material,
+    DEFAULT_MATERIAL_WGSL, GpuDensityJob, GpuDensityKernel, GpuDensityLevel, GpuTerrainDraw,
+    GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView, compose_material,
 };
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga_oil::compose::{
@@ -165,7 +165,7 @@ fn check_all(combinations: impl IntoIterator<Item = (String, String, Vec<&'stati
 
 #[test]
 fn every_pass_composes_and_validates() {
-    let passes: HashSet<_> = ["classify", "setup", "vertices", "indices"].into();
+    let passes: HashSet<_> = ["classify", "setup", "vertices", "indices", "density"].into();
     let found: Vec<_> = sources()
         .1
         .iter()
@@ -196,6 +196,7 @@ fn the_prepass_composes_and_validates_in_every_combination() {
         "DEFERRED_PREPASS",
         "UNCLIPPED_DEPTH_ORTHO_EMULATION",
         "TERRAIN_SHADOW",
+        "TERRAIN_DENSITY_PREVIEW",
         "VIEW_PROJECTION_ORTHOGRAPHIC",
     ];
     for mut defs in subsets(&names) {
@@ -231,6 +232,7 @@ fn the_main_pass_composes_and_validates_in_every_combination() {
         "DISTANCE_FOG",
         "ATMOSPHERE",
         "ENVIRONMENT_MAP",
+        "TERRAIN_DENSITY_PREVIEW",
     ];
     let tails: [&[&str]; 3] = [
         &["SHADOW_FILTER_METHOD_GAUSSIAN"],
@@ -348,6 +350,7 @@ layout_test!(
         unit_m,
         spacing_m,
         root_level,
+        density_opacity,
         unused,
         tiles,
     ]
@@ -381,4 +384,22 @@ layout_test!(
         wanted_triangles,
         unused,
     ]
+);
+layout_test!(
+    the_density_kernel_has_one_layout,
+    GpuDensityKernel,
+    "DensityKernel",
+    [density_filter, factor, exponent, unused, levels]
+);
+layout_test!(
+    a_density_level_has_one_layout,
+    GpuDensityLevel,
+    "DensityLevel",
+    [step, noise, samples]
+);
+layout_test!(
+    a_density_job_has_one_layout,
+    GpuDensityJob,
+    "DensityJob",
+    [page, level, tile]
 );

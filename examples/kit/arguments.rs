@@ -1,6 +1,7 @@
 //! The command line that every example takes.
 
 use bevy::prelude::*;
+use bevy_tessera::density::DensitySettings;
 use std::path::PathBuf;
 
 const USAGE: &str = "\
@@ -13,6 +14,8 @@ Options:
   --look X,Y,Z           what it looks at
   --terrain DIR          a baked terrain instead of the bundled one
   --atmosphere           Bevy's atmosphere on a software renderer too (slow; crashes old Mesa)
+  --density-preview      cover the ground with its densities: green low, red high (open_world)
+  --density-gain X       the same, with this gain (default 1)
   --help                 this text";
 
 /// What the command line says.
@@ -26,6 +29,8 @@ pub struct Arguments {
     pub look: Option<Vec3>,
     pub terrain: Option<PathBuf>,
     pub atmosphere: bool,
+    /// The gain of the preview of densities, where one is wanted.
+    pub density_gain: Option<f32>,
 }
 
 impl Arguments {
@@ -79,6 +84,18 @@ impl Arguments {
                         ));
                     }
                     arguments.terrain = Some(folder);
+                }
+                "--density-preview" => {
+                    arguments.density_gain.get_or_insert(1.0);
+                }
+                "--density-gain" => {
+                    let gain = number(&word, &value()?)?;
+                    let settings = DensitySettings {
+                        gain,
+                        ..Default::default()
+                    };
+                    settings.validate().map_err(|error| error.to_string())?;
+                    arguments.density_gain = Some(gain);
                 }
                 "--help" | "-h" => return Ok(None),
                 _ => return Err(format!("{word} is no option")),

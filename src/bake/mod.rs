@@ -80,6 +80,10 @@ pub struct BakeSettings {
     pub band_rows: Option<u32>,
     /// Whether a terrain that exists already is replaced.
     pub force: bool,
+    /// For benchmarks only: leaves densities out, files included, so that it shows what they cost.
+    /// The result is no terrain.
+    #[doc(hidden)]
+    pub leave_out_densities: bool,
 }
 
 impl Default for BakeSettings {
@@ -91,6 +95,7 @@ impl Default for BakeSettings {
             density: DensitySettings::default(),
             band_rows: None,
             force: false,
+            leave_out_densities: false,
         }
     }
 }
@@ -184,7 +189,7 @@ pub fn bake(
         .map_err(|reason| BakeError::Manifest { reason })?;
 
     let partial = PartialTerrain::create(out, &manifest)?;
-    let mut pyramid = Pyramid::new(&manifest, partial.dir());
+    let mut pyramid = Pyramid::new(&manifest, partial.dir(), !settings.leave_out_densities);
     let rows = settings
         .band_rows
         .unwrap_or_else(|| (BAND_SAMPLES as u32 / size[0]).max(MIN_BAND_ROWS))

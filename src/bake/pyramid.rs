@@ -63,12 +63,13 @@ struct Level {
 
 impl Level {
     /// Whether all rows are there that the next row of tiles takes.
-    fn tile_row_ready(&self) -> bool {
+    fn tile_row_ready(&self, with_densities: bool) -> bool {
         let [last_row, last_texel] = [self.samples[1] - 1, self.texels[1] - 1];
         let z = self.next_tile_row;
         z < self.tiles[1]
             && self.heights.end() > last_row.min(TILE_SAMPLES * (z + 1) + TILE_BORDER)
-            && self.densities.end() > last_texel.min(DENSITY_TEXELS * (z + 1) + DENSITY_BORDER)
+            && (!with_densities
+                || self.densities.end() > last_texel.min(DENSITY_TEXELS * (z + 1) + DENSITY_BORDER))
     }
 }
 
@@ -82,10 +83,11 @@ pub(super) struct Pyramid {
     index: TileIndex,
     dir: PathBuf,
     bytes: u64,
+    with_densities: bool,
 }
 
 impl Pyramid {
-    pub(super) fn new(file: &ManifestFile, dir: &Path) -> Self {
+    pub(super) fn new(file: &ManifestFile, dir: &Path, with_densities: bool) -> Self {
         let level = |level| {
             let samples = file.samples(level);
             Level {
@@ -105,6 +107,7 @@ impl Pyramid {
             index: TileIndex::new(file),
             dir: dir.to_owned(),
             bytes: 0,
+            with_densities,
         }
     }
 
@@ -123,8 +126,10 @@ impl Pyramid {
     /// Takes the next rows of level 0 and does all that they make possible.
     pub(super) fn push(&mut self, band: ConvertedBand) -> Result<(), BakeError> {
         self.levels[0].heights.extend(band.heights);
-        self.make_densities();
-        self.spread_densities();
+        if self.with_densities {
+            self.make_densities();
+            self.spread_densities();
+        }
         for level in 1..self.levels.len() {
             self.make_level(level);
         }
@@ -239,7 +244,7 @@ impl Pyramid {
     fn write_tiles(&mut self) -> Result<(), BakeError> {
         let mut ready = Vec::new();
         for (level, number) in self.levels.iter_mut().zip(0u8..) {
-            while level.tile_row_ready() {
+            while level.tile_row_ready(self.with_densities) {
                 let z = level.next_tile_row;
                 ready.extend((0..level.tiles[0]).map(|x| TileAddress::new(number, x, z)));
                 level.next_tile_row += 1;
@@ -250,8 +255,11 @@ impl Pyramid {
             .map(|address| {
                 let level = &self.levels[usize::from(address.level)];
                 let heights = height_window(level, address);
-                let densities = density_window(&level.densities, level.texels, address);
-                let bytes = writer::write_tile(&self.dir, address, &heights, &densities)?;
+                let mut bytes = writer::write_heights(&self.dir, address, &heights)?;
+                if self.with_densities {
+                    let densities = density_window(&level.densities, level.texels, address);
+                    bytes += writer::write_densities(&self.dir, address, &densities)?;
+                }
                 Ok::<_, BakeError>((address, heights.range(), bytes))
             })
             .collect::<Result<_, _>>()?;

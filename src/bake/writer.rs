@@ -195,15 +195,13 @@ fn is_gone(process: u32) -> bool {
     processes.join("self").exists() && !processes.join(process.to_string()).exists()
 }
 
-/// Writes the two files of a tile; returns the number of bytes.
-pub(super) fn write_tile(
+/// Writes a tile's heights; returns the number of bytes.
+pub(super) fn write_heights(
     dir: &Path,
     address: TileAddress,
     heights: &HeightTile,
-    densities: &DensityTile,
 ) -> Result<u64, BakeError> {
-    let bytes = write(dir, &HeightTile::path(address), &heights.encode(address))?;
-    Ok(bytes + write_densities(dir, address, densities)?)
+    write(dir, &HeightTile::path(address), &heights.encode(address))
 }
 
 /// Writes a tile's densities; returns the number of bytes.

@@ -261,7 +261,7 @@ fn fold_row<F: Filter>(rows: [&[f32]; 3], unit: f32, largest: &mut [f32]) {
     // Slices of one length each, so that the loop runs without bounds checks in vector registers.
     let [above, middle, below] =
         rows.map(|row| (&row[..width], &row[1..=width], &row[2..width + 2]));
-    for x in 0..width {
+    for (x, largest) in largest.iter_mut().enumerate() {
         let ring = Ring {
             north_west: above.0[x],
             north: above.1[x],
@@ -273,6 +273,6 @@ fn fold_row<F: Filter>(rows: [&[f32]; 3], unit: f32, largest: &mut [f32]) {
             south: below.1[x],
             south_east: below.2[x],
         };
-        largest[x] = larger(largest[x], F::curvature(&ring, unit));
+        *largest = larger(*largest, F::curvature(&ring, unit));
     }
 }

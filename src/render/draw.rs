@@ -1,5 +1,6 @@
 //! One indirect draw per terrain and pass, as items of Bevy's own phases.
 
+use super::density::GpuDensityPreviews;
 use super::extract::ExtractedTerrains;
 use super::pipelines::{TERRAIN_BIND_GROUP, TerrainDrawKey, TerrainDrawKind, TerrainDrawPipeline};
 use super::prepare::{GpuTerrainMeshes, GpuTerrains};
@@ -29,35 +30,51 @@ use bevy::render::render_phase::{
 use bevy::render::render_resource::{
     CachedRenderPipelineId, IndexFormat, PipelineCache, SpecializedRenderPipelines,
 };
+use bevy::render::renderer::RenderDevice;
 use bevy::render::sync_world::MainEntity;
 use bevy::render::view::{ExtractedView, RetainedViewEntity};
 
 /// Which camera's mesh each view draws of each terrain; filled while queueing.
 #[derive(Resource, Default)]
 pub(super) struct TerrainDraws {
-    cameras: HashMap<(RetainedViewEntity, MainEntity), MainEntity>,
+    cameras: HashMap<(RetainedViewEntity, MainEntity), DrawnMesh>,
     /// What was queued in the frame before: bins persist, so it must be taken out again.
     queued: Vec<(TerrainDrawKind, RetainedViewEntity, MainEntity)>,
+}
+
+/// The mesh that a view draws of a terrain.
+struct DrawnMesh {
+    camera: MainEntity,
+    /// Whether the pass that shades it shows the preview of densities.
+    preview: bool,
 }
 
 pub(super) type DrawTerrainMain = (
     SetItemPipeline,
     SetMeshViewBindGroup<0>,
     SetMeshViewBindingArrayBindGroup<1>,
-    DrawTerrain,
+    DrawTerrain<true>,
 );
 
 pub(super) type DrawTerrainPrepass = (
     SetItemPipeline,
     SetPrepassViewBindGroup<0>,
     SetPrepassViewEmptyBindGroup<1>,
-    DrawTerrain,
+    DrawTerrain<false>,
 );
 
-/// Binds a terrain's mesh and material and draws it, indirectly.
-pub(super) struct DrawTerrain;
+pub(super) type DrawTerrainDeferred = (
+    SetItemPipeline,
+    SetPrepassViewBindGroup<0>,
+    SetPrepassViewEmptyBindGroup<1>,
+    DrawTerrain<true>,
+);
 
-impl<P: PhaseItem> RenderCommand<P> for DrawTerrain {
+/// Binds a terrain's mesh and material and draws it, indirectly. `SHADES` in the passes where
+/// materials' colours count.
+pub(super) struct DrawTerrain<const SHADES: bool>;
+
+impl<P: PhaseItem, const SHADES: bool> RenderCommand<P> for DrawTerrain<SHADES> {
     type Param = (
         SRes<GpuTerrainMeshes>,
         SRes<GpuTerrains>,
@@ -79,14 +96,26 @@ impl<P: PhaseItem> RenderCommand<P> for DrawTerrain {
             .into_inner()
             .cameras
             .get(&(view.retained_view_entity, terrain))
-            .and_then(|camera| meshes.meshes.get(&(*camera, terrain)));
-        let (Some(mesh), Some(gpu_terrain)) = (found, terrains.terrains.get(&terrain)) else {
+            .and_then(|drawn| {
+                let mesh = meshes.meshes.get(&(drawn.camera, terrain))?;
+                Some((mesh, SHADES && drawn.preview))
+            });
+        let (Some((mesh, preview)), Some(gpu_terrain)) = (found, terrains.terrains.get(&terrain))
+        else {
             return RenderCommandResult::Skip;
         };
         let Some(groups) = &mesh.groups else {
             return RenderCommandResult::Skip;
         };
-        pass.set_bind_group(TERRAIN_BIND_GROUP, &groups.draw, &[]);
+        let draw = if preview {
+            groups.preview_draw.as_ref()
+        } else {
+            Some(&groups.draw)
+        };
+        let Some(draw) = draw else {
+            return RenderCommandResult::Skip;
+        };
+        pass.set_bind_group(TERRAIN_BIND_GROUP, draw, &[]);
         pass.set_bind_group(MATERIAL_BIND_GROUP_INDEX, &gpu_terrain.material, &[]);
         pass.set_vertex_buffer(0, mesh.vertices().slice(..));
         pass.set_index_buffer(mesh.indices().slice(..), IndexFormat::Uint32);
@@ -201,7 +230,7 @@ impl Phases<'_> {
                 add(&mut self.prepass, view, terrain, batch_set, no_lightmap_bin)
             }
             TerrainDrawKind::Deferred => {
-                let batch_set = no_lightmap(self.deferred_draws.read().id::<DrawTerrainPrepass>());
+                let batch_set = no_lightmap(self.deferred_draws.read().id::<DrawTerrainDeferred>());
                 add(
                     &mut self.deferred,
                     view,
@@ -224,6 +253,22 @@ impl Phases<'_> {
     }
 }
 
+/// Whether a pass shades the ground and has a storage buffer left for the preview of densities.
+fn affords_preview(kind: TerrainDrawKind, mesh: MeshPipelineKey, storage_buffers: u32) -> bool {
+    match kind {
+        TerrainDrawKind::Deferred => true,
+        TerrainDrawKind::Main => {
+            // Lights take three, order-independent transparency three, the atmosphere one, the
+            // page table and the preview one each.
+            let taken = 5
+                + 3 * u32::from(mesh.contains(MeshPipelineKey::OIT_ENABLED))
+                + u32::from(mesh.contains(MeshPipelineKey::ATMOSPHERE));
+            taken <= storage_buffers
+        }
+        TerrainDrawKind::Prepass | TerrainDrawKind::Shadow => false,
+    }
+}
+
 /// Puts every terrain into the phases of every view that draws it.
 #[expect(clippy::too_many_arguments, reason = "parameters of a Bevy system")]
 pub(super) fn queue_terrains(
@@ -234,6 +279,8 @@ pub(super) fn queue_terrains(
     cache: Res<PipelineCache>,
     extracted: Res<ExtractedTerrains>,
     meshes: Res<GpuTerrainMeshes>,
+    previews: Res<GpuDensityPreviews>,
+    device: Res<RenderDevice>,
     view_keys: Res<ViewKeyCache>,
     cameras: CameraViews,
     shadow_views: Query<(&LightEntity, &ExtractedView)>,
@@ -247,6 +294,7 @@ pub(super) fn queue_terrains(
     for (kind, view, terrain) in queued.drain(..) {
         phases.remove(kind, &view, terrain);
     }
+    let storage_buffers = device.limits().max_storage_buffers_per_shader_stage;
     let mut queue = |kind, mesh, view: &ExtractedView, camera: MainEntity, terrain: MainEntity| {
         let Some(shader) = extracted
             .terrains
@@ -255,12 +303,30 @@ pub(super) fn queue_terrains(
         else {
             return;
         };
-        let key = TerrainDrawKey { kind, mesh, shader };
-        let pipeline = pipelines.specialize(&cache, &draw_pipeline, key);
+        let mut pipeline = |preview| {
+            let shader = shader.clone();
+            let key = TerrainDrawKey {
+                kind,
+                mesh,
+                shader,
+                preview,
+            };
+            pipelines.specialize(&cache, &draw_pipeline, key)
+        };
+        let wants_preview = previews
+            .previews
+            .get(&terrain)
+            .is_some_and(|it| it.is_ready);
+        let with_preview = (wants_preview && affords_preview(kind, mesh, storage_buffers))
+            .then(|| pipeline(true))
+            // While it is compiled, the ground is drawn without rather than not at all.
+            .filter(|id| cache.get_render_pipeline(*id).is_some());
+        let preview = with_preview.is_some();
+        let pipeline = with_preview.unwrap_or_else(|| pipeline(false));
         let retained = view.retained_view_entity;
         if phases.add(kind, &retained, terrain, pipeline) {
             queued.push((kind, retained, terrain));
-            drawn_by.insert((retained, terrain), camera);
+            drawn_by.insert((retained, terrain), DrawnMesh { camera, preview });
         }
     };
 
@@ -323,5 +389,22 @@ pub(super) fn queue_terrains(
             }
             queue(TerrainDrawKind::Shadow, key, view, camera, terrain);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_preview_is_left_out_where_no_storage_buffer_is_left_for_it() {
+        let (oit, atmosphere) = (MeshPipelineKey::OIT_ENABLED, MeshPipelineKey::ATMOSPHERE);
+        let afforded = |kind, mesh| affords_preview(kind, mesh, 8);
+        assert!(afforded(TerrainDrawKind::Main, MeshPipelineKey::NONE));
+        assert!(afforded(TerrainDrawKind::Main, oit));
+        assert!(afforded(TerrainDrawKind::Main, atmosphere));
+        assert!(!afforded(TerrainDrawKind::Main, oit | atmosphere));
+        assert!(afforded(TerrainDrawKind::Deferred, atmosphere));
+        assert!(!afforded(TerrainDrawKind::Shadow, MeshPipelineKey::NONE));
     }
 }

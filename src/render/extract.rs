@@ -65,6 +65,16 @@ pub(super) struct UploadedTerrains {
     terrains: EntityHashMap<Uploaded>,
 }
 
+impl UploadedTerrains {
+    /// The pages that were written since the terrain's state began, and the tiles they were
+    /// written with, resident or not any more.
+    pub(super) fn pages(&self, terrain: Entity) -> impl Iterator<Item = (u32, TileAddress)> {
+        let pages = self.terrains.get(&terrain).into_iter();
+        let pages = pages.flat_map(|known| (0..).zip(&known.pages));
+        pages.filter_map(|(page, slot)| slot.map(|(address, _)| (page, address)))
+    }
+}
+
 #[derive(Default)]
 struct Uploaded {
     /// The state that this is a copy of: two insertions of the component differ in their tables.

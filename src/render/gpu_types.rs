@@ -1,8 +1,11 @@
 //! Structs that the passes share with Rust; each has its pair in `shaders/types.wgsl`, and
 //! `tests/shaders.rs` compares their layouts.
 
+use crate::density::{DensityFilter, DensityKernel, DensitySettings};
 use crate::lattice::{Lattice, MAX_LEVELS, Node, ViewLod};
+use crate::terrain::ManifestFile;
 use crate::tessellate::{FactorView, Partitioning};
+use crate::tile::{DENSITY_TEXELS, TileAddress};
 use bytemuck::{Pod, Zeroable};
 
 /// Everything that a view's mesh follows from; WGSL `TerrainView`.
@@ -129,8 +132,10 @@ pub struct GpuTerrainDraw {
     pub spacing_m: f32,
     /// Coarsest level.
     pub root_level: i32,
+    /// How much of the ground's colour the preview of densities takes.
+    pub density_opacity: f32,
     /// Padding.
-    pub unused: [u32; 2],
+    pub unused: u32,
     /// Per tile level: first entry in the page table, tiles in x and z.
     pub tiles: [[u32; 4]; MAX_LEVELS],
 }
@@ -195,4 +200,88 @@ pub struct GpuTerrainDrawArgs {
     pub wanted_triangles: u32,
     /// Padding.
     pub unused: [u32; 2],
+}
+
+/// What turns heights into densities, for a preview; WGSL `DensityKernel`.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuDensityKernel {
+    /// [`DensityFilter`] as a number.
+    pub density_filter: u32,
+    /// See [`DensityKernel::factor`].
+    pub factor: f32,
+    /// See [`DensitySettings::exponent`].
+    pub exponent: f32,
+    /// Padding.
+    pub unused: u32,
+    /// Per tile level.
+    pub levels: [GpuDensityLevel; MAX_LEVELS],
+}
+
+/// What densities of a level follow from; WGSL `DensityLevel`.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuDensityLevel {
+    /// See [`DensityKernel::step`].
+    pub step: f32,
+    /// See [`DensityKernel::noise`].
+    pub noise: f32,
+    /// The level's samples in x and z.
+    pub samples: [u32; 2],
+}
+
+impl GpuDensityKernel {
+    /// Bytes that a page's densities take.
+    pub const PAGE_BYTES: u64 = (DENSITY_TEXELS * DENSITY_TEXELS) as u64;
+
+    /// The kernel for the terrain that `file` describes. The numbers are the CPU's.
+    #[must_use]
+    pub fn new(file: &ManifestFile, settings: &DensitySettings) -> Self {
+        let mut kernel = Self {
+            density_filter: match settings.filter {
+                DensityFilter::SecondOrder => 0,
+                DensityFilter::Gaussian => 1,
+                DensityFilter::Mean => 2,
+                DensityFilter::LaplaceBeltrami => 3,
+                DensityFilter::LaplaceBeltramiVoronoi => 4,
+                DensityFilter::Principal => 5,
+            },
+            exponent: settings.exponent,
+            ..Self::zeroed()
+        };
+        for (level, entry) in (0..file.levels).zip(&mut kernel.levels) {
+            let cpu = DensityKernel::new(settings, file.height_step_m, file.spacing_m, level);
+            kernel.factor = cpu.factor();
+            *entry = GpuDensityLevel {
+                step: cpu.step(),
+                noise: cpu.noise(),
+                samples: file.samples(level),
+            };
+        }
+        kernel
+    }
+}
+
+/// A page whose densities are to be made; WGSL `DensityJob`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuDensityJob {
+    /// The page.
+    pub page: u32,
+    /// Level of the tile that it holds.
+    pub level: u32,
+    /// Column and row of that tile.
+    pub tile: [u32; 2],
+}
+
+impl GpuDensityJob {
+    /// The job for `page`, which holds the tile at `address`.
+    #[must_use]
+    pub const fn new(page: u32, address: TileAddress) -> Self {
+        Self {
+            page,
+            level: address.level as u32,
+            tile: [address.x, address.z],
+        }
+    }
 }

@@ -10,6 +10,7 @@
 //! and transparent terrains don't exist.
 
 mod cull;
+mod density;
 mod draw;
 mod extract;
 mod gpu_types;
@@ -19,9 +20,11 @@ mod pipelines;
 mod prepare;
 
 pub use cull::{LocalVolume, NodeBox, TerrainNodes, TileHeightBounds, select_seen};
+pub use density::{GpuDensityPreview, GpuDensityPreviews, TerrainDensityPreview};
 pub use extract::factor_view;
 pub use gpu_types::{
-    GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
+    GpuDensityJob, GpuDensityKernel, GpuDensityLevel, GpuTerrainDraw, GpuTerrainDrawArgs,
+    GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
 };
 pub use material::{DEFAULT_MATERIAL_WGSL, TerrainMaterial, compose_material};
 pub use prepare::{GpuTerrainMesh, GpuTerrainMeshes, tile_gradients};
@@ -61,7 +64,7 @@ pub enum TerrainRenderSystems {
 }
 
 /// The compute passes, in order, each a system in Bevy's `RenderGraph` schedule before
-/// `camera_driver`. Order a game's own passes against these sets: after
+/// `camera_driver`; [`Density`](Self::Density) in no order with the others. Order a game's own passes against these sets: after
 /// [`Vertices`](Self::Vertices) to change what is drawn, after [`Indices`](Self::Indices) to read
 /// it.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -74,6 +77,10 @@ pub enum TerrainPass {
     Vertices,
     /// Triangles are listed.
     Indices,
+    /// Densities of pages are made for a [`TerrainDensityPreview`]: of all where its settings
+    /// changed, of those whose heights were uploaded otherwise. Runs in frames that have such
+    /// pages only. Order after it to read [`GpuDensityPreview::densities`].
+    Density,
 }
 
 impl TerrainPass {
@@ -85,6 +92,7 @@ impl TerrainPass {
             Self::Setup => "terrain_setup",
             Self::Vertices => "terrain_vertices",
             Self::Indices => "terrain_indices",
+            Self::Density => "terrain_density",
         }
     }
 }
@@ -107,6 +115,9 @@ impl Plugin for TerrainRenderPlugin {
         load_shader_library!(app, "shaders/scan.wgsl");
         load_shader_library!(app, "shaders/surface.wgsl");
         load_shader_library!(app, "shaders/vertex_io.wgsl");
+        load_shader_library!(app, "shaders/curvature.wgsl");
+        load_shader_library!(app, "shaders/density_preview.wgsl");
+        embedded_asset!(app, "shaders/density.wgsl");
         embedded_asset!(app, "shaders/classify.wgsl");
         embedded_asset!(app, "shaders/setup.wgsl");
         embedded_asset!(app, "shaders/vertices.wgsl");
@@ -142,7 +153,7 @@ impl Plugin for TerrainRenderPlugin {
             .init_gpu_resource::<SpecializedRenderPipelines<pipelines::TerrainDrawPipeline>>()
             .add_render_command::<Opaque3d, draw::DrawTerrainMain>()
             .add_render_command::<Opaque3dPrepass, draw::DrawTerrainPrepass>()
-            .add_render_command::<AlphaMask3dDeferred, draw::DrawTerrainPrepass>()
+            .add_render_command::<AlphaMask3dDeferred, draw::DrawTerrainDeferred>()
             .add_render_command::<Shadow, draw::DrawTerrainPrepass>()
             .add_systems(
                 RenderStartup,
@@ -181,6 +192,12 @@ impl Plugin for TerrainRenderPlugin {
                     .in_set(RenderGraphSystems::Render)
                     .before(camera_driver),
             )
+            .configure_sets(
+                RenderGraph,
+                TerrainPass::Density
+                    .in_set(RenderGraphSystems::Render)
+                    .before(camera_driver),
+            )
             .add_systems(
                 RenderGraph,
                 (
@@ -190,5 +207,6 @@ impl Plugin for TerrainRenderPlugin {
                     passes::indices.in_set(TerrainPass::Indices),
                 ),
             );
+        app.add_plugins(density::DensityPreviewPlugin);
     }
 }

@@ -1,6 +1,7 @@
 //! The compute passes, one system each, before Bevy draws any view.
 
 use super::TerrainPass;
+use super::density::{GpuDensityPreview, GpuDensityPreviews};
 use super::pipelines::TerrainPipelines;
 use super::prepare::{GpuTerrainMesh, GpuTerrainMeshes, MeshBindGroups};
 use bevy::prelude::*;
@@ -92,3 +93,45 @@ pass_system!(classify, Classify, |count| nodes(count, 1));
 pass_system!(setup, Setup, |_| [1, 1, 1]);
 pass_system!(vertices, Vertices, |count| nodes(count, NODE_SHARES));
 pass_system!(indices, Indices, |count| nodes(count, NODE_SHARES));
+
+/// Workgroups that share the densities of a page, four rows of texels each.
+const DENSITY_STRIPS: u32 = 8;
+
+/// Makes the densities that previews lack; in most frames there are none, and no pass.
+pub(super) fn density(
+    mut previews: ResMut<GpuDensityPreviews>,
+    pipelines: Res<TerrainPipelines>,
+    cache: Res<PipelineCache>,
+    mut context: RenderContext,
+) {
+    let lacks = |preview: &GpuDensityPreview| preview.is_ready && !preview.pending.is_empty();
+    if !previews.previews.values().any(lacks) {
+        return;
+    }
+    let Some(pipeline) = cache.get_compute_pipeline(pipelines.density) else {
+        return;
+    };
+    let label = TerrainPass::Density.label();
+    let _span = bevy::log::debug_span!("terrain_pass", pass = label).entered();
+    let diagnostics = context.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let mut compute = context
+        .command_encoder()
+        .begin_compute_pass(&ComputePassDescriptor {
+            label: Some(label),
+            timestamp_writes: None,
+        });
+    let span = diagnostics.pass_span(&mut compute, label);
+    compute.set_pipeline(pipeline);
+    for preview in previews.previews.values_mut().filter(|it| lacks(it)) {
+        let Some(gpu) = &preview.gpu else {
+            continue;
+        };
+        let pages = preview.pending.len() as u32;
+        compute.set_bind_group(0, &gpu.group, &[]);
+        compute.dispatch_workgroups(pages, DENSITY_STRIPS, 1);
+        preview.pending.clear();
+        preview.made_pages += u64::from(pages);
+    }
+    span.end(&mut compute);
+}

@@ -1,7 +1,8 @@
 //! Layouts and pipelines of the passes and the draws, made once a device.
 
 use super::gpu_types::{
-    GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
+    GpuDensityJob, GpuDensityKernel, GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode,
+    GpuTerrainVertex, GpuTerrainView,
 };
 use bevy::asset::load_embedded_asset;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
@@ -15,9 +16,9 @@ use bevy::render::render_resource::binding_types::{
 };
 use bevy::render::render_resource::{
     BindGroupLayoutDescriptor, BindGroupLayoutEntries, CachedComputePipelineId, CompareFunction,
-    ComputePipelineDescriptor, DepthStencilState, Face, FilterMode, FragmentState,
-    MultisampleState, PipelineCache, PrimitiveState, RenderPipelineDescriptor, Sampler,
-    SamplerBindingType, SamplerDescriptor, ShaderStages, SpecializedMeshPipeline,
+    ComputePipelineDescriptor, DepthStencilState, DynamicBindGroupLayoutEntries, Face, FilterMode,
+    FragmentState, MultisampleState, PipelineCache, PrimitiveState, RenderPipelineDescriptor,
+    Sampler, SamplerBindingType, SamplerDescriptor, ShaderStages, SpecializedMeshPipeline,
     SpecializedRenderPipeline, TextureSampleType, VertexAttribute, VertexFormat, VertexState,
     VertexStepMode,
 };
@@ -29,6 +30,9 @@ use std::sync::Arc;
 /// Bind group of the terrain's own bindings in all draws.
 pub(super) const TERRAIN_BIND_GROUP: usize = 2;
 
+/// What makes a fragment shader show the preview of densities.
+const DENSITY_PREVIEW_DEF: &str = "TERRAIN_DENSITY_PREVIEW";
+
 /// Layouts, samplers and compute pipelines.
 #[derive(Resource)]
 pub(super) struct TerrainPipelines {
@@ -37,12 +41,16 @@ pub(super) struct TerrainPipelines {
     pub(super) setup_layout: BindGroupLayoutDescriptor,
     pub(super) vertices_layout: BindGroupLayoutDescriptor,
     pub(super) indices_layout: BindGroupLayoutDescriptor,
+    pub(super) density_layout: BindGroupLayoutDescriptor,
     pub(super) draw_layout: BindGroupLayoutDescriptor,
+    /// The draws' layout while there is a preview of densities.
+    pub(super) preview_draw_layout: BindGroupLayoutDescriptor,
     pub(super) material_layout: BindGroupLayoutDescriptor,
     pub(super) classify: CachedComputePipelineId,
     pub(super) setup: CachedComputePipelineId,
     pub(super) vertices: CachedComputePipelineId,
     pub(super) indices: CachedComputePipelineId,
+    pub(super) density: CachedComputePipelineId,
     pub(super) gradient_sampler: Sampler,
 }
 
@@ -115,18 +123,32 @@ pub(super) fn init_terrain_pipelines(
             ),
         ),
     );
-    let draw_layout = BindGroupLayoutDescriptor::new(
-        "terrain_draw_layout",
+    let density_layout = BindGroupLayoutDescriptor::new(
+        "terrain_density_layout",
         &BindGroupLayoutEntries::sequential(
-            ShaderStages::FRAGMENT,
+            compute,
             (
-                uniform_buffer_sized(false, size_of_pod::<GpuTerrainDraw>())
-                    .visibility(ShaderStages::VERTEX_FRAGMENT),
-                read(word),
-                texture_2d_array(TextureSampleType::Float { filterable: true }),
-                sampler(SamplerBindingType::Filtering),
+                uniform_buffer_sized(false, size_of_pod::<GpuDensityKernel>()),
+                read(size_of_pod::<GpuDensityJob>()),
+                texture_2d_array(TextureSampleType::Uint),
+                write(word),
             ),
         ),
+    );
+    let draw_entries = DynamicBindGroupLayoutEntries::sequential(
+        ShaderStages::FRAGMENT,
+        (
+            uniform_buffer_sized(false, size_of_pod::<GpuTerrainDraw>())
+                .visibility(ShaderStages::VERTEX_FRAGMENT),
+            read(word),
+            texture_2d_array(TextureSampleType::Float { filterable: true }),
+            sampler(SamplerBindingType::Filtering),
+        ),
+    );
+    let draw_layout = BindGroupLayoutDescriptor::new("terrain_draw_layout", &draw_entries);
+    let preview_draw_layout = BindGroupLayoutDescriptor::new(
+        "terrain_preview_draw_layout",
+        &draw_entries.extend_sequential((read(word),)),
     );
     let material_layout = BindGroupLayoutDescriptor::new(
         "terrain_material_layout",
@@ -167,11 +189,20 @@ pub(super) fn init_terrain_pipelines(
         &indices_layout,
     );
 
+    let density = pipeline_cache.queue_compute_pipeline(ComputePipelineDescriptor {
+        label: Some("terrain_density_pipeline".into()),
+        layout: vec![density_layout.clone()],
+        shader: load_embedded_asset!(assets, "shaders/density.wgsl"),
+        entry_point: Some("density".into()),
+        ..default()
+    });
+
     commands.insert_resource(TerrainDrawPipeline {
         mesh_pipeline: mesh_pipeline.clone(),
         prepass_pipeline: prepass_pipeline.clone(),
         vertex_shader: load_embedded_asset!(assets, "shaders/vertex.wgsl"),
         draw_layout: draw_layout.clone(),
+        preview_draw_layout: preview_draw_layout.clone(),
         material_layout: material_layout.clone(),
     });
     commands.insert_resource(TerrainPipelines {
@@ -179,12 +210,15 @@ pub(super) fn init_terrain_pipelines(
         setup,
         vertices,
         indices,
+        density,
         inputs_layout,
         classify_layout,
         setup_layout,
         vertices_layout,
         indices_layout,
+        density_layout,
         draw_layout,
+        preview_draw_layout,
         material_layout,
         gradient_sampler: device.create_sampler(&SamplerDescriptor {
             label: Some("terrain_gradient_sampler"),
@@ -211,6 +245,8 @@ pub(super) struct TerrainDrawKey {
     pub(super) mesh: MeshPipelineKey,
     /// The material's WGSL with the entry points appended.
     pub(super) shader: Handle<Shader>,
+    /// Whether the preview of densities is blended over the material's colour.
+    pub(super) preview: bool,
 }
 
 /// Makes draw pipelines out of Bevy's own mesh and prepass pipelines.
@@ -220,6 +256,7 @@ pub(super) struct TerrainDrawPipeline {
     prepass_pipeline: PrepassPipeline,
     vertex_shader: Handle<Shader>,
     draw_layout: BindGroupLayoutDescriptor,
+    preview_draw_layout: BindGroupLayoutDescriptor,
     material_layout: BindGroupLayoutDescriptor,
 }
 
@@ -252,6 +289,15 @@ impl TerrainDrawPipeline {
         }
     }
 
+    fn terrain_layouts(&self, key: &TerrainDrawKey) -> [BindGroupLayoutDescriptor; 2] {
+        let draw = if key.preview {
+            &self.preview_draw_layout
+        } else {
+            &self.draw_layout
+        };
+        [draw.clone(), self.material_layout.clone()]
+    }
+
     fn culled_face(key: MeshPipelineKey) -> Face {
         if key.contains(MeshPipelineKey::INVERT_CULLING) {
             Face::Front
@@ -279,9 +325,7 @@ impl TerrainDrawPipeline {
         );
         descriptor.label = Some("terrain_main_pipeline".into());
         descriptor.layout.truncate(TERRAIN_BIND_GROUP);
-        descriptor
-            .layout
-            .extend([self.draw_layout.clone(), self.material_layout.clone()]);
+        descriptor.layout.extend(self.terrain_layouts(key));
         descriptor.vertex.shader = self.vertex_shader.clone();
         descriptor.vertex.entry_point = Some("vertex".into());
         descriptor.vertex.buffers = vec![Self::vertex_buffer()];
@@ -291,6 +335,9 @@ impl TerrainDrawPipeline {
             fragment.shader = key.shader.clone();
             fragment.entry_point = Some("fragment".into());
             fragment.shader_defs.push(material_group);
+            if key.preview {
+                fragment.shader_defs.push(DENSITY_PREVIEW_DEF.into());
+            }
         }
         descriptor.primitive.cull_mode = Some(Self::culled_face(key.mesh));
         descriptor
@@ -331,6 +378,7 @@ impl TerrainDrawPipeline {
         );
         define(deferred, "DEFERRED_PREPASS");
         define(normal || deferred, "TERRAIN_READS_MATERIAL");
+        define(key.preview, DENSITY_PREVIEW_DEF);
         define(emulate_unclipped, "UNCLIPPED_DEPTH_ORTHO_EMULATION");
         let needs_fragment = normal || motion || deferred || emulate_unclipped;
         define(needs_fragment, "PREPASS_FRAGMENT");
@@ -348,6 +396,7 @@ impl TerrainDrawPipeline {
         if targets.iter().all(Option::is_none) {
             targets.clear();
         }
+        let [draw_layout, material_layout] = self.terrain_layouts(key);
         RenderPipelineDescriptor {
             label: Some(
                 match key.kind {
@@ -364,8 +413,8 @@ impl TerrainDrawPipeline {
                     self.prepass_pipeline.view_layout_no_motion_vectors.clone()
                 },
                 self.prepass_pipeline.empty_layout.clone(),
-                self.draw_layout.clone(),
-                self.material_layout.clone(),
+                draw_layout,
+                material_layout,
             ],
             vertex: VertexState {
                 shader: self.vertex_shader.clone(),

@@ -1,5 +1,6 @@
 //! Buffers, textures and bind groups: made when they are missing or too small, never for nothing.
 
+use super::density::{DensityBuffers, GpuDensityPreviews};
 use super::extract::{ExtractedTerrain, ExtractedTerrains, ExtractedView, PageUpload};
 use super::gpu_types::{
     GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
@@ -27,9 +28,9 @@ const INDICES_A_VERTEX: u64 = 6;
 
 /// A terrain's pages and tables on the GPU.
 pub(super) struct GpuTerrain {
-    capacity: u32,
+    pub(super) capacity: u32,
     heights: Texture,
-    heights_view: TextureView,
+    pub(super) heights_view: TextureView,
     gradients: Texture,
     gradients_view: TextureView,
     page_table: Buffer,
@@ -38,7 +39,7 @@ pub(super) struct GpuTerrain {
     written_parameters: Option<[Vec4; 8]>,
     pub(super) material: BindGroup,
     /// Rises when a buffer or texture is replaced, so that views rebuild their bind groups.
-    generation: u64,
+    pub(super) generation: u64,
 }
 
 /// All terrains on the GPU, by their entity in the main world.
@@ -64,7 +65,8 @@ pub struct GpuTerrainMesh {
     node_count: u32,
     /// What this frame's view was, as the passes see it.
     uniform: GpuTerrainView,
-    generation: (u64, u64),
+    /// Rises when a buffer is replaced.
+    generation: u64,
     seen: bool,
     pub(super) groups: Option<MeshBindGroups>,
 }
@@ -77,7 +79,10 @@ pub(super) struct MeshBindGroups {
     pub(super) vertices: BindGroup,
     pub(super) indices: BindGroup,
     pub(super) draw: BindGroup,
-    built_for: (u64, u64),
+    /// The same with the preview of densities, while there is one.
+    pub(super) preview_draw: Option<BindGroup>,
+    /// Generations of the mesh, the terrain and the preview.
+    built_for: (u64, u64, u64),
 }
 
 /// The meshes of all cameras and terrains, by (camera, terrain).
@@ -132,7 +137,12 @@ impl GpuTerrainMesh {
     }
 }
 
-fn buffer(device: &RenderDevice, label: &'static str, size: u64, usage: BufferUsages) -> Buffer {
+pub(super) fn buffer(
+    device: &RenderDevice,
+    label: &'static str,
+    size: u64,
+    usage: BufferUsages,
+) -> Buffer {
     device.create_buffer(&BufferDescriptor {
         label: Some(label),
         size: size.max(16).next_multiple_of(16),
@@ -329,7 +339,7 @@ impl GpuTerrainMesh {
             vertex_room: 0,
             node_count: 0,
             uniform: bytemuck::Zeroable::zeroed(),
-            generation: (0, 0),
+            generation: 0,
             seen: false,
             groups: None,
         }
@@ -384,17 +394,21 @@ impl GpuTerrainMesh {
             replaced = true;
         }
         if replaced {
-            self.generation.0 += 1;
+            self.generation += 1;
         }
     }
 
-    fn write(&mut self, queue: &RenderQueue, extracted: &ExtractedView) {
+    fn write(&mut self, queue: &RenderQueue, extracted: &ExtractedView, density_opacity: f32) {
         self.node_count = extracted.nodes.len() as u32;
         self.uniform = extracted.view;
         self.uniform.max_vertices = self.vertex_room;
         self.uniform.max_triangles = self.vertex_room.saturating_mul(2);
         queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&self.uniform));
-        queue.write_buffer(&self.draw, 0, bytemuck::bytes_of(&extracted.draw));
+        let draw = GpuTerrainDraw {
+            density_opacity,
+            ..extracted.draw
+        };
+        queue.write_buffer(&self.draw, 0, bytemuck::bytes_of(&draw));
         queue.write_buffer(&self.nodes, 0, bytemuck::cast_slice(&extracted.nodes));
     }
 
@@ -404,8 +418,10 @@ impl GpuTerrainMesh {
         cache: &PipelineCache,
         pipelines: &TerrainPipelines,
         terrain: &GpuTerrain,
+        preview: Option<&DensityBuffers>,
     ) {
-        let built_for = (self.generation.0, terrain.generation);
+        let preview_generation = preview.map_or(0, |preview| preview.generation);
+        let built_for = (self.generation, terrain.generation, preview_generation);
         if self
             .groups
             .as_ref()
@@ -476,6 +492,19 @@ impl GpuTerrainMesh {
                     &pipelines.gradient_sampler,
                 )),
             ),
+            preview_draw: preview.map(|preview| {
+                group(
+                    "terrain_preview_draw_bind_group",
+                    &pipelines.preview_draw_layout,
+                    &BindGroupEntries::sequential((
+                        self.draw.as_entire_binding(),
+                        terrain.page_table.as_entire_binding(),
+                        &terrain.gradients_view,
+                        &pipelines.gradient_sampler,
+                        preview.densities.as_entire_binding(),
+                    )),
+                )
+            }),
             built_for,
         });
     }
@@ -543,9 +572,11 @@ pub(super) fn prepare_terrains(
     }
 }
 
+#[expect(clippy::too_many_arguments, reason = "parameters of a Bevy system")]
 pub(super) fn prepare_meshes(
     extracted: Res<ExtractedTerrains>,
     terrains: Res<GpuTerrains>,
+    previews: Res<GpuDensityPreviews>,
     mut meshes: ResMut<GpuTerrainMeshes>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
@@ -566,8 +597,11 @@ pub(super) fn prepare_meshes(
             .or_insert_with(|| GpuTerrainMesh::new(&device));
         mesh.seen = true;
         mesh.make_room(&device, extracted);
-        mesh.write(&queue, extracted);
-        mesh.bind(&device, &cache, &pipelines, terrain);
+        let preview = previews.previews.get(&extracted.terrain);
+        let opacity = preview.map_or(0.0, |preview| preview.opacity);
+        mesh.write(&queue, extracted, opacity);
+        let preview = preview.and_then(|preview| preview.gpu.as_ref());
+        mesh.bind(&device, &cache, &pipelines, terrain, preview);
     }
     meshes.meshes.retain(|_, mesh| mesh.seen);
 }

@@ -9,6 +9,9 @@
 #import bevy_pbr::mesh_view_bindings as terrain_view_bindings
 #import bevy_pbr::pbr_functions as terrain_pbr_functions
 #import bevy_pbr::pbr_types as terrain_pbr_types
+#ifdef TERRAIN_DENSITY_PREVIEW
+#import bevy_tessera::density_preview as terrain_density_module
+#endif
 #ifdef PREPASS_PIPELINE
 #ifdef DEFERRED_PREPASS
 #import bevy_pbr::pbr_deferred_functions as terrain_deferred_functions
@@ -47,7 +50,15 @@ fn terrain_pbr_input(
     pbr.clearcoat_N = surface.normal;
     pbr.is_orthographic = terrain_view_bindings::view.clip_from_view[3].w == 1.0;
     pbr.V = terrain_pbr_functions::calculate_view(pbr.world_position, pbr.is_orthographic);
-    return terrain_material(surface, pbr);
+    pbr = terrain_material(surface, pbr);
+#ifdef TERRAIN_DENSITY_PREVIEW
+    let color = pbr.material.base_color;
+    pbr.material.base_color = vec4(
+        terrain_density_module::density_over(color.rgb, in.plane_from_eye_m, in.lambda),
+        color.a,
+    );
+#endif
+    return pbr;
 }
 
 #ifdef PREPASS_PIPELINE

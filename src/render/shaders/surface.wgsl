@@ -28,32 +28,48 @@ struct TerrainSurface {
     frag_coord: vec4<f32>,
 }
 
-// Gradient of the height at a place counted in samples of level 0, read from one level or, where
-// that isn't resident, the next that is. x, y: rise per metre; z: 1.
-fn level_gradient(sample_place: vec2<f32>, wanted: i32) -> vec2<f32> {
+// A page, and where in its tile a place lies, in samples of its level from the tile's first own.
+struct SurfacePage {
+    page: u32,
+    local: vec2<f32>,
+}
+
+// The page that is to be read for a place, counted in samples of level 0, at one level or, where
+// that isn't resident, at the next that is. `NO_PAGE` where none is.
+fn surface_page(from_first: vec2<f32>, wanted: i32) -> SurfacePage {
     var level = wanted;
-    var page = NO_PAGE;
-    var texel = vec2(0.0);
+    var found: SurfacePage;
     loop {
         let level_tiles = terrain_draw.tiles[level];
-        let place = sample_place / f32(1u << u32(level));
+        let place = from_first / f32(1u << u32(level));
         let tile = clamp(
             vec2<i32>(floor(place / f32(TILE_SAMPLES))),
             vec2(0),
             vec2<i32>(level_tiles.yz) - 1,
         );
-        page = surface_page_table[level_tiles.x + u32(tile.y) * level_tiles.y + u32(tile.x)];
-        texel = place - vec2<f32>(tile * TILE_SAMPLES) + f32(TILE_BORDER) + 0.5;
-        if page != NO_PAGE || level >= terrain_draw.root_level {
+        found.page = surface_page_table[level_tiles.x + u32(tile.y) * level_tiles.y + u32(tile.x)];
+        found.local = place - vec2<f32>(tile * TILE_SAMPLES);
+        if found.page != NO_PAGE || level >= terrain_draw.root_level {
             break;
         }
         level++;
     }
-    if page == NO_PAGE {
+    return found;
+}
+
+// Gradient of the height at a place counted in samples of level 0. x, y: rise per metre.
+fn level_gradient(place: vec2<f32>, wanted: i32) -> vec2<f32> {
+    let found = surface_page(place, wanted);
+    if found.page == NO_PAGE {
         return vec2(0.0);
     }
+    let page = found.page;
     // The samples that a page can be asked for, whatever float arithmetic made of the place.
-    texel = clamp(texel, vec2(1.5), vec2(f32(TILE_STORED) - 1.5));
+    let texel = clamp(
+        found.local + f32(TILE_BORDER) + 0.5,
+        vec2(1.5),
+        vec2(f32(TILE_STORED) - 1.5),
+    );
     let origin = vec2(page % PAGES_ACROSS, (page / PAGES_ACROSS) % PAGES_ACROSS);
     let uv = (vec2<f32>(origin) * f32(TILE_STORED) + texel)
         / f32(i32(PAGES_ACROSS) * TILE_STORED);
@@ -61,20 +77,32 @@ fn level_gradient(sample_place: vec2<f32>, wanted: i32) -> vec2<f32> {
     return textureSampleLevel(gradient_pages, gradient_sampler, uv, layer, 0.0).rg;
 }
 
-// Normal in the terrain's own frame, blended over two levels like the heights.
-fn terrain_normal(plane_from_eye_m: vec2<f32>, lambda: f32) -> vec3<f32> {
-    let sample_place = vec2<f32>(terrain_draw.eye_sample)
-        + (terrain_draw.eye_sample_fraction + plane_from_eye_m / terrain_draw.spacing_m);
+// The two levels that a level of detail lies between, and how far it is from the finer one.
+struct SurfaceLevel {
+    fine: i32,
+    coarse: i32,
+    blend: f32,
+}
+
+fn surface_level(lambda: f32) -> SurfaceLevel {
     let clamped = clamp(lambda, 0.0, f32(terrain_draw.root_level));
     let level = i32(floor(clamped));
-    let blend = clamped - f32(level);
-    var gradient = level_gradient(sample_place, level);
-    if blend > 0.0 {
-        gradient = mix(
-            gradient,
-            level_gradient(sample_place, min(level + 1, terrain_draw.root_level)),
-            blend,
-        );
+    return SurfaceLevel(level, min(level + 1, terrain_draw.root_level), clamped - f32(level));
+}
+
+// A place on the ground in samples of level 0.
+fn sample_place(plane_from_eye_m: vec2<f32>) -> vec2<f32> {
+    return vec2<f32>(terrain_draw.eye_sample)
+        + (terrain_draw.eye_sample_fraction + plane_from_eye_m / terrain_draw.spacing_m);
+}
+
+// Normal in the terrain's own frame, blended over two levels like the heights.
+fn terrain_normal(plane_from_eye_m: vec2<f32>, lambda: f32) -> vec3<f32> {
+    let place = sample_place(plane_from_eye_m);
+    let level = surface_level(lambda);
+    var gradient = level_gradient(place, level.fine);
+    if level.blend > 0.0 {
+        gradient = mix(gradient, level_gradient(place, level.coarse), level.blend);
     }
     return normalize(vec3(-gradient.x, 1.0, -gradient.y));
 }

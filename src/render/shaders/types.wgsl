@@ -26,6 +26,16 @@ const PARTITIONING_FRACTIONAL_ODD: u32 = 0u;
 const PARTITIONING_INTEGER: u32 = 1u;
 const PARTITIONING_POWER_OF_TWO: u32 = 2u;
 
+// Density filters.
+const DENSITY_SECOND_ORDER: u32 = 0u;
+const DENSITY_GAUSSIAN: u32 = 1u;
+const DENSITY_MEAN: u32 = 2u;
+const DENSITY_LAPLACE_BELTRAMI: u32 = 3u;
+const DENSITY_LAPLACE_BELTRAMI_VORONOI: u32 = 4u;
+const DENSITY_PRINCIPAL: u32 = 5u;
+// Words that the densities of a page take in a preview, four texels each.
+const DENSITY_PAGE_WORDS: u32 = 256u;
+
 // Everything that a view's mesh follows from.
 struct TerrainView {
     eye: vec2<i32>,
@@ -75,7 +85,9 @@ struct TerrainDraw {
     unit_m: f32,
     spacing_m: f32,
     root_level: i32,
-    unused: vec2<u32>,
+    // How much of the ground's colour the preview of densities takes.
+    density_opacity: f32,
+    unused: u32,
     // x: the level's first entry in the page table; y, z: tiles across and down.
     tiles: array<vec4<u32>, 24>,
 }
@@ -107,4 +119,28 @@ struct TerrainDrawArgs {
     wanted_vertices: u32,
     wanted_triangles: u32,
     unused: vec2<u32>,
+}
+
+// What turns heights into densities, for a preview.
+struct DensityKernel {
+    density_filter: u32,
+    factor: f32,
+    exponent: f32,
+    unused: u32,
+    levels: array<DensityLevel, 24>,
+}
+
+struct DensityLevel {
+    // What a stored unit is worth in sample spacings, and what rounding to it makes of a plane.
+    step: f32,
+    noise: f32,
+    // The level's samples in x and z.
+    samples: vec2<u32>,
+}
+
+// A page whose densities are to be made, and the tile that it holds.
+struct DensityJob {
+    page: u32,
+    level: u32,
+    tile: vec2<u32>,
 }
