@@ -3,7 +3,8 @@
 use super::curvature::{self, Ring};
 use super::{DensityFilter, DensitySettings};
 use crate::tile::DENSITY_CELL;
-use multiversion::multiversion;
+use pulp::{Arch, NullaryFnOnce};
+use std::marker::PhantomData;
 use std::ops::Range;
 
 const CELL: usize = DENSITY_CELL as usize;
@@ -130,15 +131,25 @@ impl DensityKernel {
         out: &mut [u8],
         out_stride: usize,
     ) {
-        let run = match self.filter {
-            DensityFilter::SecondOrder => run_second_order,
-            DensityFilter::Gaussian => run_gaussian,
-            DensityFilter::Mean => run_mean,
-            DensityFilter::LaplaceBeltrami => run_laplace_beltrami,
-            DensityFilter::LaplaceBeltramiVoronoi => run_laplace_beltrami_voronoi,
-            DensityFilter::Principal => run_principal,
+        let sweep = Sweep {
+            kernel: self,
+            window,
+            scratch,
+            out,
+            out_stride,
+            filter: PhantomData::<Mean>,
         };
-        run(self, window, scratch, out, out_stride);
+        let arch = Arch::new();
+        match self.filter {
+            DensityFilter::SecondOrder => arch.dispatch(sweep.with::<SecondOrder>()),
+            DensityFilter::Gaussian => arch.dispatch(sweep.with::<Gaussian>()),
+            DensityFilter::Mean => arch.dispatch(sweep),
+            DensityFilter::LaplaceBeltrami => arch.dispatch(sweep.with::<LaplaceBeltrami>()),
+            DensityFilter::LaplaceBeltramiVoronoi => {
+                arch.dispatch(sweep.with::<LaplaceBeltramiVoronoi>());
+            }
+            DensityFilter::Principal => arch.dispatch(sweep.with::<Principal>()),
+        }
     }
 }
 
@@ -148,11 +159,8 @@ trait Filter {
     fn curvature(ring: &Ring<f32>, unit: f32) -> f32;
 }
 
-/// One function a filter, each compiled for several instruction sets, of which the best that the
-/// machine has is taken at run time. Rust never fuses a multiplication with an addition on its own,
-/// and so all of them compute the same bits.
 macro_rules! filters {
-    ($($run:ident, $filter:ident: $curvature:expr;)*) => {$(
+    ($($filter:ident: $curvature:expr;)*) => {$(
         struct $filter;
 
         impl Filter for $filter {
@@ -161,27 +169,58 @@ macro_rules! filters {
                 $curvature(ring, unit).abs()
             }
         }
-
-        #[multiversion(targets = "simd")]
-        fn $run(
-            kernel: &DensityKernel,
-            window: &DensityWindow<'_>,
-            scratch: &mut DensityScratch,
-            out: &mut [u8],
-            out_stride: usize,
-        ) {
-            sweep::<$filter>(kernel, window, scratch, out, out_stride);
-        }
     )*};
 }
 
 filters! {
-    run_second_order, SecondOrder: curvature::second_order;
-    run_gaussian, Gaussian: curvature::gaussian;
-    run_mean, Mean: curvature::mean;
-    run_laplace_beltrami, LaplaceBeltrami: curvature::laplace_beltrami;
-    run_laplace_beltrami_voronoi, LaplaceBeltramiVoronoi: curvature::laplace_beltrami_voronoi;
-    run_principal, Principal: curvature::principal;
+    SecondOrder: curvature::second_order;
+    Gaussian: curvature::gaussian;
+    Mean: curvature::mean;
+    LaplaceBeltrami: curvature::laplace_beltrami;
+    LaplaceBeltramiVoronoi: curvature::laplace_beltrami_voronoi;
+    Principal: curvature::principal;
+}
+
+/// The arguments of [`sweep`], which is compiled for several instruction sets; the best that the
+/// machine has is taken at run time. Rust never fuses a multiplication with an addition on its own,
+/// and so all of them compute the same bits.
+struct Sweep<'a, 'b, F> {
+    kernel: &'a DensityKernel,
+    window: &'a DensityWindow<'b>,
+    scratch: &'a mut DensityScratch,
+    out: &'a mut [u8],
+    out_stride: usize,
+    filter: PhantomData<F>,
+}
+
+impl<'a, 'b, F> Sweep<'a, 'b, F> {
+    fn with<G>(self) -> Sweep<'a, 'b, G> {
+        Sweep {
+            kernel: self.kernel,
+            window: self.window,
+            scratch: self.scratch,
+            out: self.out,
+            out_stride: self.out_stride,
+            filter: PhantomData,
+        }
+    }
+}
+
+impl<F: Filter> NullaryFnOnce for Sweep<'_, '_, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self {
+            kernel,
+            window,
+            scratch,
+            out,
+            out_stride,
+            ..
+        } = self;
+        sweep::<F>(kernel, window, scratch, out, out_stride);
+    }
 }
 
 #[inline(always)]
