@@ -4,13 +4,13 @@
 //! `cargo bench --no-default-features --bench density`
 
 use bevy_tessera::density::{
-    DensityFilter, DensityKernel, DensityScratch, DensitySettings, tile_densities,
+    DensityExtent, DensityFilter, DensityKernel, DensityScratch, DensitySettings, tile_densities,
 };
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
 
 /// Samples of a terrain that has tiles on all sides of the one that is measured.
-const SAMPLES: [u32; 2] = [1025, 1025];
+const SIZE: [u32; 2] = [1025, 1025];
 const FIRST: [u32; 2] = [256, 384];
 
 /// Rolling ground with fine noise, no two samples alike.
@@ -32,12 +32,13 @@ fn filters(criterion: &mut Criterion) {
     group.throughput(Throughput::Elements(128 * 128));
     let mut bench = |name: String, settings: DensitySettings| {
         let kernel = DensityKernel::new(&settings, 0.02, 1.0, 0);
+        let extent = DensityExtent::new(SIZE, 0);
         let mut scratch = DensityScratch::default();
         let mut out = [0; 32 * 32];
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
                 let heights = black_box(&heights);
-                tile_densities(&kernel, SAMPLES, FIRST, heights, &mut scratch, &mut out);
+                tile_densities(&kernel, &extent, FIRST, heights, &mut scratch, &mut out);
                 black_box(out[77])
             });
         });

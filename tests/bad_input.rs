@@ -395,7 +395,8 @@ fn settings_that_make_no_terrain_are_refused() {
             assert!(named, "{option}={value}: {message}");
         }
     }
-    let wide = refused(&["--filter-size", "32", "--lod-skip", "2"]);
+    let border = ["--border", "point-sampled"];
+    let wide = refused(&[&border[..], &["--filter-size", "32", "--lod-skip", "2"]].concat());
     assert!(wide.contains("at most 64"), "{wide}");
     refused(&["--height-scale", "0"]);
     refused(&["--height-offset", "nan"]);

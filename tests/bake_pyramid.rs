@@ -50,32 +50,33 @@ fn reference(size: [u32; 2], metres: &[f32], file: &ManifestFile) -> Reference {
     let mut heights = vec![Grid::new(size, |x, z| (wanted(x, z) + 0.5).floor() as u16)];
     let kernel = DensityKernel::new(&file.density, step, file.spacing_m, 0);
 
-    // The rim takes the curvature of the nearest sample that has neighbours on all sides.
-    let inside = |at: i64, count: i64| {
-        if count < 3 {
-            at
-        } else {
-            at.clamp(1, count - 2)
+    let curvature = |x: i64, z: i64| {
+        if x >= size[0] || z >= size[1] {
+            return 0.0;
         }
-    };
-    let curvature = Grid::new(size, |x, z| {
-        let (x, z) = (inside(x, size[0]), inside(z, size[1]));
-        // A terrain two samples wide has no neighbours to both sides, and bends along z only.
-        let [wide, high] = size.map(|count| i64::from(count >= 3));
+        // Beyond the rim the ground goes on straight.
+        let straight = |at: i64, count: i64, height: &dyn Fn(i64) -> f32| match at {
+            -1 => 2.0 * height(0) - height(1),
+            at if at == count => 2.0 * height(count - 1) - height(count - 2),
+            at => height(at),
+        };
         let height = |dx: i32, dz: i32| {
-            let (dx, dz) = (wide * i64::from(dx), high * i64::from(dz));
-            f32::from(heights[0].at(x + dx, z + dz))
+            straight(x + i64::from(dx), size[0], &|x| {
+                straight(z + i64::from(dz), size[1], &|z| {
+                    f32::from(heights[0].at(x, z))
+                })
+            })
         };
         file.density
             .filter
             .curvature(&Ring::new(height), kernel.step())
-    });
+    };
     let texels = size.map(|count| (count - 1 + 3) / 4);
     let unspread = Grid::new(texels, |x, z| {
         let mut largest = 0_f32;
         for dz in 0..=4 {
             for dx in 0..=4 {
-                largest = largest.max(curvature.at(4 * x + dx, 4 * z + dz));
+                largest = largest.max(curvature(4 * x + dx, 4 * z + dz));
             }
         }
         kernel.quantise(largest)
@@ -98,14 +99,20 @@ fn reference(size: [u32; 2], metres: &[f32], file: &ManifestFile) -> Reference {
     for _ in 1..file.levels {
         let fine = heights.last().expect("there is level 0");
         let half = fine.size.map(|count| count / 2 + 1);
-        let tent = Grid::new(half, |x, z| {
-            let mut sum = 8_u32;
-            for (dz, wz) in [(-1, 1), (0, 2), (1, 1)] {
-                for (dx, wx) in [(-1, 1), (0, 2), (1, 1)] {
-                    sum += wz * wx * u32::from(fine.at(2 * x + dx, 2 * z + dz));
-                }
+        // Along one axis: the samples that a coarse one is a mean of. Beyond the rim the ground goes
+        // on straight, within what can be stored.
+        let along = |at: i64, count: i64, height: &dyn Fn(i64) -> i64, top: i64| {
+            if at == count {
+                4 * (2 * height(count - 1) - height(count - 2)).clamp(0, top)
+            } else if at == 0 || at == count - 1 {
+                4 * height(at)
+            } else {
+                height(at - 1) + 2 * height(at) + height(at + 1)
             }
-            (sum / 16) as u16
+        };
+        let tent = Grid::new(half, |x, z| {
+            let column = |x: i64| along(2 * z, fine.size[1], &|z| i64::from(fine.at(x, z)), 65535);
+            ((along(2 * x, fine.size[0], &column, 4 * 65535) + 8) / 16) as u16
         });
         heights.push(tent);
         let fine = densities.last().expect("there is level 0");

@@ -7,11 +7,13 @@ mod bake_support;
 
 use bake_support::{addresses, bake_heights, densities, heights, landscape, manifest};
 use bevy_tessera::bake::generate::{GenerateSettings, GeneratedSource, GeneratorKind};
-use bevy_tessera::bake::{BakeError, BakeSettings, bake, rebake_densities, verify};
+use bevy_tessera::bake::{
+    BakeError, BakeProgress, BakeSettings, BakeStage, bake, rebake_densities, verify,
+};
 use bevy_tessera::density::curvature::Ring;
 use bevy_tessera::density::{
-    DensityBorder, DensityFilter, DensityKernel, DensityScratch, DensitySettings, DensityWindow,
-    tile_densities,
+    DensityBorder, DensityExtent, DensityFilter, DensityKernel, DensityScratch, DensitySettings,
+    DensityWindow, tile_densities,
 };
 use bevy_tessera::terrain::{INDEX_FILE, MANIFEST_FILE, TerrainManifest};
 use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress, TileRange};
@@ -33,7 +35,8 @@ fn tile(kernel: &DensityKernel, height: impl Fn(i32, i32) -> u16) -> [u8; 1024] 
         .collect();
     let mut out = [0; 1024];
     let mut scratch = DensityScratch::default();
-    tile_densities(kernel, [1025; 2], [256; 2], &stored, &mut scratch, &mut out);
+    let extent = DensityExtent::new([1025; 2], 0);
+    tile_densities(kernel, &extent, [256; 2], &stored, &mut scratch, &mut out);
     out
 }
 
@@ -78,7 +81,7 @@ fn vector_instructions_make_the_same_bytes_as_one_sample_at_a_time() {
                 heights: &stored,
                 stride: width,
                 texels,
-                inner: texels.map(|texels| 0..4 * texels + 1),
+                terrain: texels.map(|texels| 0..4 * texels + 3),
             };
             let mut found = vec![0; texels[0] * texels[1]];
             kernel.run(
@@ -206,6 +209,10 @@ fn an_exponent_leaves_none_and_all_where_they_are_and_lowers_the_rest() {
         let kernel = DensityKernel::new(&shaped, 0.0, 1.0, 0);
         assert_eq!(kernel.quantise(0.0), 0);
         assert_eq!(kernel.quantise(1.0), 255);
+        assert!(
+            kernel.quantise(1e-20) > 0,
+            "only what is plain is stored as 0"
+        );
         for step in 1..100 {
             let curvature = step as f32 * 0.005;
             let (before, after) = (plain.quantise(curvature), kernel.quantise(curvature));
@@ -586,7 +593,7 @@ fn a_tile_without_finer_ones_gets_densities_from_its_own_heights() {
         let mut own = [0; 1024];
         tile_densities(
             &kernel,
-            file.samples(1),
+            &DensityExtent::new(file.size, 1),
             [128, 0],
             heights(&dir, bare).samples(),
             &mut DensityScratch::default(),
@@ -607,8 +614,357 @@ fn a_tile_without_finer_ones_gets_densities_from_its_own_heights() {
         // Of the tile that lacks one of four, three quarters are the finer ones' maximum.
         let three = whole(TileAddress::new(1, 2, 1));
         let finer = whole(TileAddress::new(0, 4, 2));
-        let largest = (0..4).map(|at| finer.get(10 + at % 2, 12 + at / 2)).max();
-        assert_eq!(Some(three.get(5, 6)), largest);
+        let inside = (2..14).flat_map(|z| (2..14).map(move |x| (x, z)));
+        for (x, z) in inside {
+            let largest = (0..4)
+                .map(|at| finer.get(2 * x + at % 2, 2 * z + at / 2))
+                .max();
+            assert_eq!(Some(three.get(x, z)), largest, "({x}, {z}), {density:?}");
+        }
+    }
+}
+
+#[test]
+fn a_level_is_judged_by_its_own_spacing() {
+    for filter in DensityFilter::ALL {
+        for level in 0..8 {
+            let of =
+                |spacing_m, level| DensityKernel::new(&settings(filter), 0.02, spacing_m, level);
+            let coarse = of(1.5, level);
+            assert_eq!(coarse, of(1.5 * f64::from(1 << level), 0));
+            let wanted = 0.02 / 1.5 / f64::from(1 << level);
+            assert!((f64::from(coarse.step()) / wanted - 1.0).abs() < 1e-6);
+        }
+    }
+    // However far apart steps and samples lie, products of heights stay finite.
+    let cliffs = DensityKernel::new(&settings(DensityFilter::Mean), 1e6, 1e-4, 0);
+    assert_eq!(cliffs.step(), 1000.0);
+}
+
+/// On the rim as inside, at every level: of a pyramid of planes no tile has any density, its own
+/// heights being all that is looked at.
+#[test]
+fn planes_have_no_density_on_any_level_or_rim() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    let mut random = Lcg(21);
+    for size in [[300, 200], [257, 131], [5, 3], [2, 9]] {
+        for case in 0..6 {
+            let steepness = [0.004, 0.1, 1.0][case % 3];
+            let (x, z) = (random.signed() * steepness, random.signed() * steepness);
+            let metres: Vec<f32> = (0..size[0] * size[1])
+                .map(|at| f64::from(at % size[0]) * x + f64::from(at / size[0]) * z)
+                .map(|height| height as f32)
+                .collect();
+            let force = BakeSettings {
+                force: true,
+                height_range_m: Some(-700.0..=700.0),
+                ..Default::default()
+            };
+            bake_heights(size, metres, &dir, &force);
+            let file = manifest(&dir).file;
+            for address in addresses(&file) {
+                for filter in DensityFilter::ALL {
+                    let strong = DensitySettings {
+                        gain: 1000.0,
+                        ..settings(filter)
+                    };
+                    let (step_m, spacing_m) = (file.height_step_m, file.spacing_m);
+                    let kernel = DensityKernel::new(&strong, step_m, spacing_m, address.level);
+                    let mut found = [1; 1024];
+                    tile_densities(
+                        &kernel,
+                        &DensityExtent::new(file.size, address.level),
+                        [128 * address.x, 128 * address.z],
+                        heights(&dir, address).samples(),
+                        &mut DensityScratch::default(),
+                        &mut found,
+                    );
+                    let bent = found.iter().position(|&density| density > 0);
+                    assert_eq!(
+                        bent, None,
+                        "{filter}, {address} of {size:?}, slope {x}, {z}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// Rounding bends a plane by no more than the filters allow for, and sometimes by that much.
+#[test]
+fn the_rounding_noise_of_gaussian_curvature_is_reached() {
+    let kernel = DensityKernel::new(
+        &DensitySettings {
+            gain: 1000.0,
+            ..settings(DensityFilter::Gaussian)
+        },
+        0.5,
+        1.0,
+        0,
+    );
+    // A saddle of one step: up along x, down along z, and a quarter across.
+    let saddle = |x: i32, z: i32| match (x - 64, z - 64) {
+        (-1 | 1, 0) | (1, 1) => 101,
+        (0, -1 | 1) => 99,
+        _ => 100,
+    };
+    let found = tile(&kernel, saddle);
+    let own = kernel.quantise(1.0625 * 0.25 / 1.3);
+    assert_eq!(own, 0, "less than that on a slope counts for nothing");
+    assert!(
+        found.iter().any(|&density| density > 0),
+        "what no plane can be is seen"
+    );
+}
+
+/// A spike of the rim's ground is seen like any other, at every place of the rim.
+#[test]
+fn the_terrains_rim_is_seen() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    let size = [70, 45];
+    for spike in [
+        [0, 0],
+        [0, 20],
+        [33, 0],
+        [69, 44],
+        [69, 7],
+        [12, 44],
+        [0, 44],
+        [1, 1],
+    ] {
+        let metres = (0..size[0] * size[1])
+            .map(|at| {
+                if [at % size[0], at / size[0]] == spike {
+                    10.0
+                } else {
+                    5.0
+                }
+            })
+            .collect();
+        let force = BakeSettings {
+            force: true,
+            headroom_m: 0.0,
+            ..Default::default()
+        };
+        bake_heights(size, metres, &dir, &force);
+        let found = densities(&dir, TileAddress::new(0, 0, 0));
+        let texel = spike.map(|at| (at / 4) as i32);
+        let last = size.map(|side| (side - 2) as i32 / 4);
+        let (x, z) = (texel[0].min(last[0]), texel[1].min(last[1]));
+        let corner = spike
+            .iter()
+            .zip(size)
+            .all(|(&at, side)| at == 0 || at == side - 1);
+        // A corner's own ground goes on straight on two sides; its neighbours see it.
+        let least = if corner { 20 } else { 128 };
+        assert!(found.get(x, z) >= least, "{} at {spike:?}", found.get(x, z));
+    }
+}
+
+/// What the guide says of walls: steps of one sample between flat ground, in sample spacings.
+#[test]
+fn walls_are_seen_by_the_second_differences_alone() {
+    let wall = |filter, high: u16| {
+        let kernel = DensityKernel::new(&settings(filter), 0.01, 1.0, 0);
+        let found = tile(
+            &kernel,
+            |x, _| if x > 62 { 20_000 + 100 * high } else { 20_000 },
+        );
+        found[32 * 10 + 15]
+    };
+    for (filter, [low, middle, high]) in [
+        (DensityFilter::SecondOrder, [212, 255, 255]),
+        (DensityFilter::Gaussian, [0, 0, 0]),
+        (DensityFilter::Mean, [180, 64, 0]),
+        (DensityFilter::Principal, [234, 83, 0]),
+        (DensityFilter::LaplaceBeltrami, [180, 120, 14]),
+        (DensityFilter::LaplaceBeltramiVoronoi, [174, 114, 13]),
+    ] {
+        for (height, wanted) in [(1, low), (5, middle), (50, high)] {
+            let found = i32::from(wall(filter, height));
+            assert!(
+                (found - wanted).abs() <= 8,
+                "{filter}, {height}: {found} and not {wanted}"
+            );
+        }
+    }
+}
+
+/// Hears when the new terrain is about to take the old one's place.
+struct AtTheEnd<F>(F);
+
+impl<F: Fn() + Sync> BakeProgress for AtTheEnd<F> {
+    fn stage(&self, stage: BakeStage, _: u64) {
+        if stage == BakeStage::Finish {
+            (self.0)();
+        }
+    }
+}
+
+#[test]
+fn a_terrain_that_was_replaced_meanwhile_is_left_alone() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    let size = [300, 200];
+    bake_heights(size, landscape(size, 1), &dir, &BakeSettings::default());
+    let replace = || {
+        let force = BakeSettings {
+            force: true,
+            ..Default::default()
+        };
+        bake_heights(size, landscape(size, 2), &dir, &force);
+    };
+    let error = rebake_densities(&dir, &varied()[1], &AtTheEnd(replace)).expect_err("too late");
+    assert!(matches!(error, BakeError::Replaced { .. }), "{error}");
+    assert!(error.to_string().contains("run it again"), "{error}");
+    let wanted = folder.path().join("wanted");
+    bake_heights(size, landscape(size, 2), &wanted, &BakeSettings::default());
+    assert!(contents(&dir) == contents(&wanted));
+    assert_eq!(bake_support::entries(folder.path()), ["terrain", "wanted"]);
+}
+
+/// A terrain's folder may hold textures, notes, metadata.
+#[cfg(unix)]
+#[test]
+fn whatever_else_lies_in_a_terrains_folder_stays() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    let size = [140, 60];
+    bake_heights(size, landscape(size, 1), &dir, &BakeSettings::default());
+    let write = |name: &str| {
+        let path = dir.join(name);
+        fs::create_dir_all(path.parent().expect("it has one")).expect("writable");
+        fs::write(path, name).expect("writable");
+    };
+    let all = ["README.txt", "textures/deep/albedo.png", "terrain.ron.meta"];
+    all.into_iter().for_each(write);
+    write("height/0/0_0.height.meta");
+    std::os::unix::fs::symlink("README.txt", dir.join("link")).expect("writable");
+    fs::set_permissions(&dir, fs::Permissions::from_mode(0o750)).expect("it is ours");
+    let check = |names: &[&str]| {
+        for &name in names {
+            let found = fs::read_to_string(dir.join(name));
+            assert_eq!(found.ok().as_deref(), Some(name), "{name} is lost");
+        }
+        assert!(fs::symlink_metadata(dir.join("link")).is_ok_and(|link| link.is_symlink()));
+        let mode = fs::metadata(&dir).expect("it exists").permissions().mode();
+        assert_eq!(mode & 0o777, 0o750);
+    };
+    rebake_densities(&dir, &varied()[1], &()).expect("it works");
+    check(&all);
+    check(&["height/0/0_0.height.meta"]);
+    let force = BakeSettings {
+        force: true,
+        ..Default::default()
+    };
+    bake_heights(size, landscape(size, 2), &dir, &force);
+    check(&all);
+    assert_eq!(bake_support::entries(folder.path()), ["terrain"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn densities_are_made_anew_by_any_name_of_the_folder() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    bake_heights(
+        [140, 60],
+        landscape([140, 60], 1),
+        &dir,
+        &BakeSettings::default(),
+    );
+    std::os::unix::fs::symlink(&dir, folder.path().join("link")).expect("writable");
+    for (name, gain) in [
+        ("link", 2.0),
+        ("link/", 3.0),
+        ("terrain/.", 4.0),
+        ("terrain/", 5.0),
+    ] {
+        let density = DensitySettings {
+            gain,
+            ..Default::default()
+        };
+        let path = format!("{}/{name}", folder.path().display());
+        rebake_densities(Path::new(&path), &density, &()).expect("it works");
+        assert_eq!(manifest(&dir).file.density.gain, gain);
+        assert_eq!(bake_support::entries(folder.path()), ["link", "terrain"]);
+    }
+}
+
+/// A bake that was killed between its two renames has moved the old terrain aside.
+#[cfg(target_os = "linux")]
+#[test]
+fn densities_of_a_terrain_that_a_killed_bake_moved_aside_are_made_anew() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    bake_heights(
+        [140, 60],
+        landscape([140, 60], 1),
+        &dir,
+        &BakeSettings::default(),
+    );
+    // No process has a number that large.
+    let aside = folder.path().join(".terrain.tessera-old-999999999-0");
+    fs::rename(&dir, aside).expect("it is ours");
+    rebake_densities(&dir, &varied()[1], &()).expect("it works");
+    assert_eq!(manifest(&dir).file.density, varied()[1]);
+    assert_eq!(bake_support::entries(folder.path()), ["terrain"]);
+}
+
+#[test]
+fn a_height_tile_that_is_missing_is_named_at_every_level() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    bake_heights(
+        [400, 300],
+        landscape([400, 300], 2),
+        &dir,
+        &BakeSettings::default(),
+    );
+    let levels = manifest(&dir).file.levels;
+    for level in 0..levels {
+        let path = dir.join(HeightTile::path(TileAddress::new(level, 0, 0)));
+        let bytes = fs::read(&path).expect("readable");
+        fs::remove_file(&path).expect("writable");
+        let error = rebake_densities(&dir, &varied()[0], &()).expect_err("it is missing");
+        let message = error.to_string();
+        assert!(
+            message.starts_with(&path.display().to_string()),
+            "{message}"
+        );
+        fs::write(&path, bytes).expect("writable");
+    }
+    assert_eq!(bake_support::entries(folder.path()), ["terrain"]);
+}
+
+#[test]
+fn the_mean_density_is_that_of_the_finest_tiles_there_are() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dir = folder.path().join("terrain");
+    let size = [517, 300];
+    bake_heights(size, landscape(size, 4), &dir, &BakeSettings::default());
+    for gone in [false, true] {
+        if gone {
+            without(&dir, |address| address.level == 0 && address.x == 1);
+        }
+        let report = rebake_densities(&dir, &varied()[0], &()).expect("it works");
+        let file = manifest(&dir).file;
+        let texels = file.samples(0).map(bevy_tessera::density::texels_of);
+        let (mut sum, mut count) = (0_u64, 0_u64);
+        for (address, _) in manifest(&dir).index.iter().filter(|tile| tile.0.level == 0) {
+            let tile = densities(&dir, address);
+            for at in 0..1024_u32 {
+                let (x, z) = (at % 32, at / 32);
+                if 32 * address.x + x < texels[0] && 32 * address.z + z < texels[1] {
+                    sum += u64::from(tile.get(x as i32, z as i32));
+                    count += 1;
+                }
+            }
+        }
+        assert!((report.mean - sum as f64 / (255.0 * count as f64)).abs() < 1e-12);
     }
 }
 

@@ -360,12 +360,10 @@ fn settings_out_of_range_are_refused_with_the_range() {
 fn a_failed_preview_leaves_what_was_there() {
     let stage = Stage::new([5, 3], hills);
     let settings = PreviewSettings::default();
-    std::fs::write(stage.out(), "an old picture").expect("written");
+    stage.draw(&of(PreviewKind::Relief));
+    let old = std::fs::read(stage.out()).expect("readable");
     let kept = || {
-        assert_eq!(
-            std::fs::read(stage.out()).expect("still there"),
-            b"an old picture"
-        );
+        assert!(std::fs::read(stage.out()).expect("still there") == old);
         assert_eq!(stage.beside(), ["picture.png", "terrain"]);
     };
     preview(Path::new("/nowhere/at/all"), &stage.out(), &settings).expect_err("no terrain");
@@ -387,18 +385,87 @@ fn a_failed_preview_leaves_what_was_there() {
     refused(Path::new(".."), "is a folder");
     refused(
         &stage.folder.path().join("missing/picture.png"),
-        "no folder",
+        "missing; make it, or choose another --out",
     );
     refused(&stage.out().join("picture.png"), "no folder");
     refused(&stage.terrain().join("terrain.ron"), "part of a terrain");
     refused(
-        &stage.folder.path().join("n".repeat(300)),
+        &stage.folder.path().join("n".repeat(300) + ".png"),
         "can't be written",
     );
+    refused(
+        &stage.folder.path().join("n".repeat(300) + ".png"),
+        "; choose another --out",
+    );
+    #[cfg(unix)]
+    refused(Path::new("/dev/null"), "no regular file");
 
     // And one that succeeds replaces it, and leaves nothing else behind.
     stage.draw(&settings);
+    assert!(std::fs::read(stage.out()).expect("there") != old);
     assert_eq!(stage.beside(), ["picture.png", "terrain"]);
+}
+
+#[test]
+fn only_previews_and_empty_files_are_replaced() {
+    let stage = Stage::new([5, 3], hills);
+    let settings = PreviewSettings::default();
+    stage.draw(&settings);
+    let drawn = std::fs::read(stage.out()).expect("readable");
+    let mut reader = png::Decoder::new(std::io::Cursor::new(&drawn))
+        .read_info()
+        .expect("a PNG");
+    reader.finish().expect("a whole one");
+    let texts = &reader.info().uncompressed_latin1_text;
+    let found: Vec<_> = texts
+        .iter()
+        .map(|chunk| (&*chunk.keyword, &*chunk.text))
+        .collect();
+    assert_eq!(found, [("Software", "tessera preview")]);
+
+    let mut height_map = Vec::new();
+    let grey = image::GrayImage::new(8, 8);
+    grey.write_to(
+        &mut std::io::Cursor::new(&mut height_map),
+        image::ImageFormat::Png,
+    )
+    .expect("a PNG");
+    // A mark without the file that belongs to it, and one far behind what is looked at.
+    let words = drawn[8..].to_vec();
+    let far = [&height_map[..], &[0; 5000], &drawn].concat();
+    for other in [height_map, words, far, b"notes".to_vec(), vec![0]] {
+        std::fs::write(stage.out(), &other).expect("written");
+        let error = preview(&stage.terrain(), &stage.out(), &settings).expect_err("refused");
+        assert!(matches!(error, PreviewError::OutputExists { .. }));
+        let wanted = "picture.png exists and is no preview, so it isn't replaced; choose another \
+                      --out or remove it";
+        assert!(error.to_string().ends_with(wanted), "{error}");
+        assert!(std::fs::read(stage.out()).expect("still there") == other);
+        assert_eq!(stage.beside(), ["picture.png", "terrain"]);
+    }
+    std::fs::write(stage.out(), "").expect("written");
+    stage.draw(&settings);
+    assert!(std::fs::read(stage.out()).expect("readable") == drawn);
+}
+
+#[test]
+fn a_picture_is_called_png() {
+    let stage = Stage::new([5, 3], hills);
+    let settings = PreviewSettings::default();
+    for name in ["x.jpg", "x", "x.png.bak", ".png", "png", "x.pn"] {
+        let out = stage.folder.path().join(name);
+        let error = preview(&stage.terrain(), &out, &settings).expect_err("refused");
+        assert!(matches!(error, PreviewError::OutputExtension { .. }));
+        let text = error.to_string();
+        assert!(
+            text.contains(name) && text.contains("ends in .png"),
+            "{text}"
+        );
+        assert_eq!(stage.beside(), ["terrain"]);
+    }
+    let out = stage.folder.path().join("x.PnG");
+    preview(&stage.terrain(), &out, &settings).expect("it is drawn");
+    assert_eq!(stage.beside(), ["terrain", "x.PnG"]);
 }
 
 #[test]

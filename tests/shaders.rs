@@ -395,7 +395,7 @@ layout_test!(
     a_density_level_has_one_layout,
     GpuDensityLevel,
     "DensityLevel",
-    [step, noise, samples]
+    [step, noise, samples, texels, unused]
 );
 layout_test!(
     a_density_job_has_one_layout,

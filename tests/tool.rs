@@ -144,20 +144,22 @@ fn generate_refuses_what_is_out_of_range_and_leaves_nothing() {
     let out = path(folder.path(), "terrain");
     for (option, value, says) in [
         ("--roughness", "9", "0 and 4"),
-        ("--octaves", "0", "1 and 32"),
+        ("--octaves", "0", "1..=32"),
         ("--spacing-m", "0", "0.0001"),
         ("--relief-m", "-1", "0 and 1000000"),
         ("--wavelength-m", "0.5", "wavelength"),
         ("--size", "1x1", "2 to 16777216"),
         ("--size", "9", "WIDTHxHEIGHT"),
-        ("--seed", "-1", "--seed"),
+        ("--seed", "-1", "0..=18446744073709551615"),
         ("--gain", "0", "0.001..=1000"),
         ("--filter", "sobel", "laplace-beltrami"),
     ] {
-        let option = format!("{option}={value}");
-        let message = refused(&["generate", "fbm", "--out", &out, &option]);
-        assert!(message.contains(says), "{option}: {message}");
-        assert!(entries(folder.path()).is_empty(), "{option}");
+        let joined = format!("{option}={value}");
+        let message = refused(&["generate", "fbm", "--out", &out, &joined]);
+        assert!(message.contains(says), "{joined}: {message}");
+        assert!(entries(folder.path()).is_empty(), "{joined}");
+        let apart = refused(&["generate", "fbm", "--out", &out, option, value]);
+        assert_eq!(apart, message);
     }
     let message = refused(&["generate", "worley", "--out", &out]);
     assert!(message.contains("diamond-square"), "{message}");
@@ -171,6 +173,200 @@ fn generate_refuses_what_is_out_of_range_and_leaves_nothing() {
         &out,
     ];
     assert!(refused(&wrap).contains("2^n + 1"));
+}
+
+/// In the words that follow the option, not as an option of its own.
+#[test]
+fn numbers_that_are_none_or_negative_are_refused_with_the_option_and_its_range() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (out, picture) = (
+        path(folder.path(), "terrain"),
+        path(folder.path(), "picture.png"),
+    );
+    let check = |command: &[&str], option: &str, values: &[&str], says: [&str; 2]| {
+        for value in values {
+            let arguments = [command, &[option, value]].concat();
+            let message = refused(&arguments);
+            assert!(
+                says.iter().all(|says| message.contains(says)),
+                "{arguments:?}: {message}"
+            );
+            assert!(!message.contains("unexpected"), "{arguments:?}: {message}");
+        }
+    };
+    let raw = path(folder.path(), "a.r16");
+    fs::write(&raw, [7; 2 * 64 * 64]).expect("written");
+    let generate = ["generate", "fbm", "--out", &out];
+    let bake = ["bake", &raw, "--size", "64x64", "--out", &out];
+    for command in [&generate[..], &bake] {
+        let density_is = |option, values: &[&str], says| check(command, option, values, says);
+        density_is(
+            "--filter-size",
+            &["-1", "0", "33", "1.5", "x", ""],
+            ["--filter-size", "1..=32"],
+        );
+        density_is(
+            "--lod-skip",
+            &["-1", "5", "1e0", "x"],
+            ["--lod-skip", "0..=4"],
+        );
+        density_is("--gain", &["-1", "nan"], ["gain", "0.001..=1000"]);
+        density_is("--exponent", &["-1", "-inf"], ["exponent", "0.05..=20"]);
+        density_is("--spacing-m", &["-1", "-0"], ["spacing", "0.0001"]);
+        density_is(
+            "--headroom-m",
+            &["-1", "-inf"],
+            ["headroom", "0 and a million"],
+        );
+    }
+    check(
+        &generate,
+        "--octaves",
+        &["-1", "0", "33", "2.0", "many"],
+        ["--octaves", "1..=32"],
+    );
+    check(
+        &generate,
+        "--seed",
+        &["-1", "1.5", "18446744073709551616"],
+        ["--seed", "0..=18446744073709551615"],
+    );
+    check(
+        &generate,
+        "--relief-m",
+        &["-5", "nan"],
+        ["relief", "0 and 1000000 m"],
+    );
+    check(
+        &generate,
+        "--roughness",
+        &["-1", "5"],
+        ["roughness", "0 and 4"],
+    );
+    check(
+        &generate,
+        "--wavelength-m",
+        &["-1", "nan", "1e10"],
+        ["wavelength", "1000000000 m"],
+    );
+    check(
+        &generate,
+        "--size",
+        &["-4x4", "-4"],
+        ["--size", "WIDTHxHEIGHT"],
+    );
+    assert_eq!(entries(folder.path()), ["a.r16"]);
+
+    run(&[&generate[..], &["--size", "5x5"]].concat());
+    let preview = ["preview", &out, "--out", &picture];
+    check(
+        &preview,
+        "--max-size",
+        &["-4", "15", "8193", "99.5", "big"],
+        ["--max-size", "16..=8192"],
+    );
+    check(
+        &preview,
+        "--level",
+        &["-1", "300", "0.5", "x"],
+        ["--level", "0..="],
+    );
+    check(
+        &preview,
+        "--exaggeration",
+        &["-1"],
+        ["exaggeration", "0.001..=1000"],
+    );
+    check(&preview, "--sun-azimuth", &["-1"], ["azimuth", "0..=360"]);
+    check(&preview, "--sun-altitude", &["-1"], ["altitude", "1..=90"]);
+    let density = ["density", &out];
+    check(
+        &density,
+        "--filter-size",
+        &["-1"],
+        ["--filter-size", "1..=32"],
+    );
+    check(&density, "--lod-skip", &["-1"], ["--lod-skip", "0..=4"]);
+    assert_eq!(entries(folder.path()), ["a.r16", "terrain"]);
+}
+
+#[test]
+fn a_relief_that_nobody_gave_is_never_out_of_proportion() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let out = path(folder.path(), "terrain");
+    for kind in ["fbm", "ridged", "hybrid", "diamond-square"] {
+        for (size, spacing) in [
+            ("65x65", "1000000"),
+            ("257x257", "1000"),
+            ("16385x2", "100000"),
+            ("9x9", "0.0001"),
+        ] {
+            let arguments = ["generate", kind, "--out", &out, "--size", size, "--force"];
+            run(&[&arguments[..], &["--spacing-m", spacing]].concat());
+            let file = manifest(Path::new(&out)).file;
+            // With the headroom, and what the range is widened by for lack of height.
+            let most = 8000.0 + 2.0 * 64.0 + 2.0;
+            let all = file.height_m(u16::MAX) - file.height_m(0);
+            assert!(all <= most, "{kind} {size} {spacing}: {all}");
+        }
+    }
+    run(&[
+        "generate",
+        "fbm",
+        "--out",
+        &out,
+        "--size",
+        "65x65",
+        "--spacing-m",
+        "1000",
+        "--relief-m",
+        "90000",
+        "--force",
+    ]);
+    let file = manifest(Path::new(&out)).file;
+    assert!(file.height_m(u16::MAX) > 10_000.0, "what is given is taken");
+    let help = run(&["generate", "--help"]);
+    assert!(help.contains("at most 8000, unless given"), "{help}");
+}
+
+#[test]
+fn small_numbers_are_printed_as_more_than_zero() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (out, picture) = (
+        path(folder.path(), "terrain"),
+        path(folder.path(), "picture.png"),
+    );
+    let raw = path(folder.path(), "a.r16");
+    let ramp: Vec<u8> = (0..64 * 64_u16)
+        .flat_map(|at| (at * 16).to_le_bytes())
+        .collect();
+    fs::write(&raw, ramp).expect("written");
+    let bake = |range| {
+        let arguments = ["bake", &raw, "--size", "64x64", "--out", &out, "--force"];
+        run(&[&arguments[..], &["--height-range-m", range]].concat())
+    };
+    for range in ["0..0.00001", "-0.00001..0"] {
+        let printed = bake(range);
+        assert!(
+            printed.contains(&format!("{range} m in steps of 1.53e-10 m")),
+            "{printed}"
+        );
+        let printed = run(&["inspect", &out]);
+        assert!(
+            !printed.contains("-0.") || range.starts_with('-'),
+            "{printed}"
+        );
+        assert!(
+            !printed.contains("-0..") && !printed.contains("..-0 m"),
+            "{printed}"
+        );
+        assert!(printed.contains("in steps of 1.53e-10 m"), "{printed}");
+    }
+    bake("-0.04..3000");
+    let printed = run(&["inspect", &out]);
+    assert!(printed.contains("  0.0..2"), "{printed}");
+    let printed = run(&["preview", &out, "-o", &picture, "--exaggeration", "0.001"]);
+    assert!(printed.contains("slopes 0.001 times as steep"), "{printed}");
 }
 
 #[test]
@@ -187,7 +383,7 @@ fn density_keeps_what_it_is_not_told_and_leaves_heights_alone() {
     run(&plain);
     let printed = run(&["density", &out, "--filter", "principal"]);
     assert!(
-        printed.contains("principal curvature, gain 0.7, exponent 1, spread over 2 x 2"),
+        printed.contains("principal curvature, gain 0.7, exponent 1, spread over 3 x 3 texels"),
         "{printed}"
     );
     assert!(printed.contains("mean density of 0."), "{printed}");
@@ -225,7 +421,15 @@ fn density_refuses_what_it_cannot_do_and_changes_nothing() {
     let before = tiles(&out);
     assert!(refused(&["density", &path(folder.path(), "nothing")]).contains("nothing"));
     assert!(refused(&["density", &out, "--gain", "1e9"]).contains("0.001..=1000"));
-    let wide = refused(&["density", &out, "--filter-size", "32", "--lod-skip", "4"]);
+    let wide = [
+        "--border",
+        "point-sampled",
+        "--filter-size",
+        "32",
+        "--lod-skip",
+        "4",
+    ];
+    let wide = refused(&[&["density", &out], &wide[..]].concat());
     assert!(wide.contains("at most 64"), "{wide}");
     assert!(tiles(&out) == before);
     fs::remove_file(Path::new(&out).join("height/0/1_0.height")).expect("it was there");
@@ -311,6 +515,21 @@ fn preview_draws_what_it_is_asked_for() {
         assert!(message.contains(says), "{option}: {message}");
     }
     let nowhere = path(folder.path(), "nowhere/picture.png");
-    assert!(refused(&["preview", &out, "--out", &nowhere]).contains("nowhere"));
+    assert!(refused(&["preview", &out, "--out", &nowhere]).contains("nowhere; make it"));
     assert!(refused(&["preview", &nowhere, "--out", &picture]).contains("nowhere"));
+
+    // Neither the picture of something else nor a name that promises another format.
+    let source = path(folder.path(), "source.png");
+    image::GrayImage::new(4, 4).save(&source).expect("written");
+    let before = fs::read(&source).expect("readable");
+    let message = refused(&["preview", &out, "-o", &source]);
+    assert!(message.contains("exists and is no preview"), "{message}");
+    assert!(fs::read(&source).expect("readable") == before);
+    let message = refused(&["preview", &out, "-o", &path(folder.path(), "x.jpg")]);
+    assert!(message.contains("ends in .png"), "{message}");
+    assert_eq!(message.lines().count(), 1, "{message}");
+    assert_eq!(
+        entries(folder.path()),
+        ["picture.png", "source.png", "terrain"]
+    );
 }

@@ -7,8 +7,9 @@
 //!
 //! # The pyramid
 //! Sample `k` of level `l + 1` lies on sample `2 k` of level `l` and is the mean of that sample's
-//! neighbourhood with the weights 1 2 1, 2 4 2, 1 2 1, rounded to the nearest (halves up). Indices
-//! beyond a level's last sample read that sample. Every tile is a window of this one function, and
+//! neighbourhood with the weights 1 2 1, 2 4 2, 1 2 1, rounded to the nearest (halves up). Beyond
+//! a level's rim the ground goes on straight, so that planes stay planes: the mean on the rim is the
+//! rim's own. Every tile is a window of this one function, and
 //! so neighbours agree in their borders bit for bit.
 //!
 //! # Densities
@@ -45,6 +46,7 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 use std::time::Instant;
 use writer::PartialTerrain;
+pub use writer::put_right;
 
 pub use pyramid::tent_row;
 

@@ -9,6 +9,7 @@ use crate::tile::{DensityTile, HeightTile, TileAddress, TileFormatError};
 use png::{BitDepth, ColorType, Compression, Encoder, SrgbRenderingIntent};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsStr;
 use std::fmt;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Read, Write};
@@ -35,6 +36,11 @@ const BRIGHTENED: f64 = 1.2;
 const TYPICAL_TILE: f64 = 0.3;
 /// Tiles of a row that are held at once.
 const CHUNK: u32 = 64;
+/// What a preview says of itself, as the PNG file's keyword and text, by which it is known again.
+const MARK: [&str; 2] = ["Software", "tessera preview"];
+/// Bytes at the start of a PNG file that are looked through for the mark, which comes before the
+/// pixels.
+const HEAD: u64 = 4096;
 /// More bytes than a tile's file has: what is longer is something else.
 const LONGEST_FILE: u64 = 1 << 17;
 
@@ -244,13 +250,17 @@ pub enum PreviewError {
         reason: Box<ManifestError>,
     },
     /// The picture's path names a folder, or nothing (`/`, `..`).
-    #[error("{} is no name for a picture: it is a folder", path.display())]
+    #[error("{} is no name for a picture: it is a folder; give --out a file's name", path.display())]
     OutputFolder {
         /// The path.
         path: PathBuf,
     },
     /// The picture would go to a folder that isn't there.
-    #[error("{} can't be written: there is no folder {}", path.display(), folder.display())]
+    #[error(
+        "{} can't be written: there is no folder {}; make it, or choose another --out",
+        path.display(),
+        folder.display()
+    )]
     OutputParent {
         /// The path.
         path: PathBuf,
@@ -258,15 +268,33 @@ pub enum PreviewError {
         folder: PathBuf,
     },
     /// The picture would replace a part of a terrain, or what isn't a file (a device, a pipe).
-    #[error("{} is {what}, and is not replaced by a picture", path.display())]
+    #[error("{} is {what}, and is not replaced by a picture; choose another --out", path.display())]
     OutputOther {
         /// The path.
         path: PathBuf,
         /// What it is.
         what: &'static str,
     },
+    /// The picture's name doesn't end in `.png`.
+    #[error(
+        "{} is no name for a preview, which is a PNG file; give --out a name that ends in .png",
+        path.display()
+    )]
+    OutputExtension {
+        /// The path.
+        path: PathBuf,
+    },
+    /// The picture would replace a file that is no preview, such as a height map.
+    #[error(
+        "{} exists and is no preview, so it isn't replaced; choose another --out or remove it",
+        path.display()
+    )]
+    OutputExists {
+        /// The path.
+        path: PathBuf,
+    },
     /// The picture can't be written.
-    #[error("{} can't be written: {reason}", path.display())]
+    #[error("{} can't be written: {reason}; choose another --out", path.display())]
     Write {
         /// The picture's file.
         path: PathBuf,
@@ -287,11 +315,14 @@ pub enum PreviewError {
 /// A tile that isn't stored is drawn from its finest stored ancestor. One that can't be read, and
 /// every pixel that would take something from it, is magenta and is told of in the report.
 ///
-/// The picture is written beside `out`, under another name, and then renamed.
+/// The picture is written beside `out`, under another name, and then renamed. It carries a `tEXt`
+/// chunk (`Software`: `tessera preview`). An `out` that exists is replaced where it carries the same
+/// or is empty, and nothing else is.
 ///
 /// # Errors
-/// Where settings are out of range, `dir` is no terrain, or `out` can't be written; see
-/// [`PreviewError`]. What stood at `out` then stands there still.
+/// Where settings are out of range, `dir` is no terrain, or `out` can't be written, isn't called
+/// `.png` or exists and is no preview; see [`PreviewError`]. What stood at `out` then stands there
+/// still.
 pub fn preview(
     dir: &Path,
     out: &Path,
@@ -344,7 +375,8 @@ fn check_output(out: &Path) -> Result<PathBuf, PreviewError> {
             folder,
         });
     }
-    if let Ok(metadata) = fs::metadata(out) {
+    let metadata = fs::metadata(out).ok();
+    if let Some(metadata) = &metadata {
         if metadata.is_dir() {
             return Err(PreviewError::OutputFolder { path: path() });
         }
@@ -363,7 +395,27 @@ fn check_output(out: &Path) -> Result<PathBuf, PreviewError> {
             return Err(PreviewError::OutputOther { path: path(), what });
         }
     }
+    let is_png = |extension: &OsStr| extension.eq_ignore_ascii_case("png");
+    if !out.extension().is_some_and(is_png) {
+        return Err(PreviewError::OutputExtension { path: path() });
+    }
+    if metadata.is_some_and(|metadata| metadata.len() > 0) && !is_preview(out) {
+        return Err(PreviewError::OutputExists { path: path() });
+    }
     Ok(folder)
+}
+
+/// Whether the file is a PNG file that carries the mark. One that can't be read is not known to
+/// be.
+fn is_preview(path: &Path) -> bool {
+    let mut head = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(HEAD).read_to_end(&mut head));
+    let mark = format!("tEXt{}\0{}", MARK[0], MARK[1]);
+    read.is_ok()
+        && head.starts_with(b"\x89PNG\r\n\x1a\n")
+        && head
+            .windows(mark.len())
+            .any(|found| found == mark.as_bytes())
 }
 
 /// A picture being written. Dropped, it is removed.
@@ -518,6 +570,7 @@ impl<'a> Drawing<'a> {
         encoder.set_depth(BitDepth::Eight);
         encoder.set_source_srgb(SrgbRenderingIntent::Perceptual);
         encoder.set_compression(Compression::Balanced);
+        encoder.add_text_chunk(MARK[0].to_owned(), MARK[1].to_owned())?;
         let mut writer = encoder.write_header()?;
         let mut rows = writer.stream_writer()?;
         self.draw(&mut |bytes| rows.write_all(bytes))?;

@@ -214,10 +214,21 @@ impl Pyramid {
         let rows: Vec<Vec<u16>> = (first..end)
             .into_par_iter()
             .map(|row| {
-                let finer_row = |z: u32| finer.heights.row(z.min(last));
                 let mut out = vec![0; width];
-                let above = finer_row((2 * row).saturating_sub(1));
-                tent_row(above, finer_row(2 * row), finer_row(2 * row + 1), &mut out);
+                let finer_row = |z: u32| finer.heights.row(z);
+                let centre = 2 * row;
+                if centre > last {
+                    // Just beyond the rim, where the ground goes on straight.
+                    let (rim, inner) = (finer_row(last), finer_row(last - 1));
+                    let beyond: Vec<u16> = rim.iter().zip(inner).map(straight_on).collect();
+                    tent_row(&beyond, &beyond, &beyond, &mut out);
+                } else if centre == 0 || centre == last {
+                    let rim = finer_row(centre);
+                    tent_row(rim, rim, rim, &mut out);
+                } else {
+                    let (above, below) = (finer_row(centre - 1), finer_row(centre + 1));
+                    tent_row(above, finer_row(centre), below, &mut out);
+                }
                 out
             })
             .collect();
@@ -281,11 +292,11 @@ impl Pyramid {
                 None => (u32::MAX, u32::MAX),
             };
             let level = &mut self.levels[number];
-            // Rows beyond the last stand for the last, so that one stays.
+            // What lies beyond the last row follows from the last two, so those stay.
             let tile_row = level.next_tile_row;
             let heights = height_done
                 .min((TILE_SAMPLES * tile_row).saturating_sub(TILE_BORDER))
-                .min(level.samples[1] - 1);
+                .min(level.samples[1] - 2);
             level.heights.drop_before(heights);
             let densities = density_done
                 .min((DENSITY_TEXELS * tile_row).saturating_sub(DENSITY_BORDER))
@@ -295,10 +306,16 @@ impl Pyramid {
     }
 }
 
+/// What follows a rim sample and the one inside of it on a straight line.
+fn straight_on((&rim, &inner): (&u16, &u16)) -> u16 {
+    (2 * i32::from(rim) - i32::from(inner)).clamp(0, u16::MAX.into()) as u16
+}
+
 /// One row of the coarser level from three of the finer: the mean with the weights 1 2 1, 2 4 2,
-/// 1 2 1, rounded to the nearest, halves up. Samples beyond either end repeat it. The finer rows
-/// have one length `n`, and `out` has `ceil((n - 1) / 2) + 1`. Takes about a third of a nanosecond a
-/// sample of the finer row.
+/// 1 2 1, rounded to the nearest, halves up. At either end the ground goes on straight, so that a
+/// plane stays one: the mean there is the end itself. The finer rows have one length `n`, at least
+/// 2, and `out` has `ceil((n - 1) / 2) + 1`. Takes about a third of a nanosecond a sample of the
+/// finer row.
 ///
 /// # Panics
 /// Where the lengths don't match.
@@ -306,14 +323,17 @@ pub fn tent_row(above: &[u16], row: &[u16], below: &[u16], out: &mut [u16]) {
     let width = row.len();
     assert!(above.len() == width && below.len() == width);
     assert_eq!(out.len(), (width - 1).div_ceil(2) + 1);
-    let column = |x: usize| {
-        let x = x.min(width - 1);
-        u32::from(above[x]) + 2 * u32::from(row[x]) + u32::from(below[x])
-    };
+    let column = |x: usize| u32::from(above[x]) + 2 * u32::from(row[x]) + u32::from(below[x]);
     let mean = |left: u32, middle: u32, right: u32| ((left + 2 * middle + right + 8) >> 4) as u16;
+    let alone = |column: u32| mean(column, column, column);
     let last = out.len() - 1;
-    out[0] = mean(column(0), column(0), column(1));
-    out[last] = mean(column(2 * last - 1), column(2 * last), column(2 * last + 1));
+    out[0] = alone(column(0));
+    out[last] = if 2 * last == width {
+        let beyond = (2 * column(width - 1)).saturating_sub(column(width - 2));
+        alone(beyond.min(4 * u32::from(u16::MAX)))
+    } else {
+        alone(column(width - 1))
+    };
     // Samples 1, 2, 3 make the second sample of the coarser row, 3, 4, 5 the third, and so on.
     let windows = above[1..]
         .windows(3)

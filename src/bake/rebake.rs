@@ -4,13 +4,13 @@ use super::pyramid::{Rows, density_window};
 use super::writer::{self, PartialTerrain};
 use super::{BakeError, BakeProgress, BakeStage};
 use crate::density::{
-    DensityKernel, DensityScratch, DensitySettings, coarser_row, spread_row, texels_of,
-    tile_densities,
+    DensityExtent, DensityKernel, DensityScratch, DensitySettings, coarser_row, spread_row,
+    texels_of, tile_densities,
 };
 use crate::terrain::{ManifestFile, TerrainManifest};
 use crate::tile::{
-    DENSITY_BORDER, DENSITY_TEXELS, DensityTile, HeightTile, TileAddress, TileFormatError,
-    TileIndex,
+    DENSITY_BORDER, DENSITY_TEXELS, DensityTile, HeightTile, TILE_SAMPLES, TileAddress,
+    TileFormatError, TileIndex,
 };
 use rayon::prelude::*;
 use std::path::Path;
@@ -40,15 +40,16 @@ pub struct DensityReport {
 /// made, byte for byte.
 ///
 /// The new terrain is put together beside the old one, which it replaces at the end: who is
-/// stopped leaves the old one. Height tiles are linked, not copied, where the file system can.
+/// stopped leaves the old one. Height tiles and whatever else lies in the folder are linked, not
+/// copied, where the file system can.
 /// Memory grows with the terrain's width, by some hundred bytes a column.
 ///
 /// Texels of tiles that lack a finer tile come from their own heights; what the thesis's
 /// normalisation is for (see [`density`](crate::density)).
 ///
 /// # Errors
-/// For settings outside their ranges, a folder that is no terrain, a tile that can't be read, and
-/// where the result can't be written. The terrain is then as it was before.
+/// For settings outside their ranges, a folder that is no terrain, a tile that can't be read, where
+/// another terrain was put in the folder meanwhile, and where the result can't be written. The terrain is then as it was before.
 pub fn rebake_densities(
     dir: &Path,
     settings: &DensitySettings,
@@ -56,14 +57,18 @@ pub fn rebake_densities(
 ) -> Result<DensityReport, BakeError> {
     let start = Instant::now();
     settings.validate()?;
-    let TerrainManifest { mut file, index } =
-        TerrainManifest::read(dir).map_err(|reason| BakeError::Terrain {
-            path: dir.to_owned(),
-            reason: Box::new(reason),
-        })?;
-    writer::prepare(dir, true)?;
+    // The folder itself and not a link to it, which a rename would replace.
+    let folder = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
+    writer::put_right(&folder)?;
+    let unusable = |reason| BakeError::Terrain {
+        path: dir.to_owned(),
+        reason: Box::new(reason),
+    };
+    let before = writer::Identity::of(&folder);
+    let TerrainManifest { mut file, index } = TerrainManifest::read(&folder).map_err(unusable)?;
+    let before = before?;
     file.density = settings.clone();
-    let partial = PartialTerrain::create(dir, &file)?;
+    let partial = PartialTerrain::create(&folder, &file)?;
     let stored = index.iter().count() as u64;
     progress.stage(BakeStage::Density, stored);
     let mut report = DensityReport {
@@ -75,7 +80,7 @@ pub fn rebake_densities(
     };
     for level in 0..file.levels {
         Rebake {
-            source: dir,
+            source: &folder,
             partial: partial.dir(),
             file: &file,
             index: &index,
@@ -85,8 +90,24 @@ pub fn rebake_densities(
         }
         .run(&mut report)?;
     }
-    partial.write_index(&mut file, &index)?;
     progress.stage(BakeStage::Finish, 0);
+    partial.write_index(&mut file, &index)?;
+    // Height tiles and whatever else lies in the folder.
+    writer::carry_over(&folder, partial.dir(), &|_| false)?;
+    for (address, _) in index.iter() {
+        let path = HeightTile::path(address);
+        if !partial.dir().join(&path).is_file() {
+            return Err(BakeError::Tile {
+                path: dir.join(path),
+                reason: "it is missing".to_owned(),
+            });
+        }
+    }
+    if writer::Identity::of(&folder).ok().as_ref() != Some(&before) {
+        return Err(BakeError::Replaced {
+            path: dir.to_owned(),
+        });
+    }
     partial.publish(true)?;
     report.elapsed = start.elapsed();
     Ok(report)
@@ -111,7 +132,7 @@ impl Rebake<'_> {
         let reach = settings.reach().max(settings.border_reach());
         // Densities from heights, from finer densities, and both together.
         let (mut own, mut finer, mut done) = (Rows::new(), Rows::new(), Rows::new());
-        let mut sum = 0;
+        let (mut sum, mut count) = (0, 0);
         let mut written = 0;
         for z in 0..tiles[1] {
             let blocks: Vec<(Block, Block, u64)> = (0..tiles[0])
@@ -157,18 +178,18 @@ impl Rebake<'_> {
 
             let needed = |z: u32| (DENSITY_TEXELS * (z + 1) + DENSITY_BORDER).min(texels[1] - 1);
             while written < tiles[1] && done.end() > needed(written) {
-                let (tiles, total) = self.write_row(written, texels, &done)?;
-                report.tiles += tiles;
-                report.bytes += total.0;
-                sum += total.1;
+                let row = self.write_row(written, texels, &done)?;
+                report.tiles += row.tiles;
+                report.bytes += row.bytes;
+                sum += row.sum;
+                count += row.texels;
                 written += 1;
             }
             let keep = (DENSITY_TEXELS * written).saturating_sub(DENSITY_BORDER);
             done.drop_before(keep.min(texels[1] - 1));
         }
         if self.level == 0 {
-            let count = f64::from(texels[0]) * f64::from(texels[1]);
-            report.mean = sum as f64 / (255.0 * count);
+            report.mean = sum as f64 / (255.0 * (count as f64).max(1.0));
         }
         Ok(())
     }
@@ -229,11 +250,11 @@ impl Rebake<'_> {
             HeightTile::decode(bytes, address)
         })?;
         let first = address.first_sample();
-        let samples = self.file.samples(self.level);
+        let extent = DensityExtent::new(self.file.size, self.level);
         let first = [first.0, first.1];
         tile_densities(
             &self.kernel,
-            samples,
+            &extent,
             first,
             heights.samples(),
             scratch,
@@ -245,39 +266,58 @@ impl Rebake<'_> {
                 *density = 0;
             }
         }
-        Ok((own, finer, (DENSITY_TEXELS * DENSITY_TEXELS * 16).into()))
+        let here = |axis: usize| {
+            u64::from(
+                (extent.samples[axis] - first[axis].min(extent.samples[axis])).min(TILE_SAMPLES),
+            )
+        };
+        Ok((own, finer, here(0) * here(1)))
     }
 
-    /// Writes the stored tiles of a row. Returns their number, and bytes and the sum of densities.
-    fn write_row(
-        &self,
-        z: u32,
-        texels: [u32; 2],
-        done: &Rows<u8>,
-    ) -> Result<(u64, (u64, u64)), BakeError> {
-        let written: Vec<(u64, u64)> = (0..self.file.tiles(self.level)[0])
-            .into_par_iter()
+    /// Writes the stored tiles of a row.
+    fn write_row(&self, z: u32, texels: [u32; 2], done: &Rows<u8>) -> Result<Written, BakeError> {
+        let addresses = (0..self.file.tiles(self.level)[0])
             .map(|x| TileAddress::new(self.level, x, z))
-            .filter(|&address| self.index.get(address).is_some())
+            .filter(|&address| self.index.get(address).is_some());
+        let written = addresses
+            .collect::<Vec<_>>()
+            .into_par_iter()
             .map(|address| {
                 let densities = density_window(done, texels, address);
                 let bytes = writer::write_densities(self.partial, address, &densities)?;
-                writer::link_heights(self.source, self.partial, address)?;
-                self.progress.advance(1);
-                let own =
-                    |at: u32, axis: usize| (texels[axis] - DENSITY_TEXELS * at).min(DENSITY_TEXELS);
-                let mut sum = 0;
-                for row in 0..own(z, 1) as i32 {
-                    for column in 0..own(address.x, 0) as i32 {
-                        sum += u64::from(densities.get(column, row));
-                    }
-                }
-                Ok((bytes, sum))
+                let own = |at: u32, axis: usize| {
+                    (texels[axis] - DENSITY_TEXELS * at).min(DENSITY_TEXELS) as i32
+                };
+                let (columns, rows) = (own(address.x, 0), own(z, 1));
+                let texel = |at: i32| u64::from(densities.get(at % columns, at / columns));
+                Ok(Written {
+                    tiles: 1,
+                    bytes,
+                    texels: (columns * rows) as u64,
+                    sum: (0..columns * rows).map(texel).sum(),
+                })
             })
-            .collect::<Result<_, BakeError>>()?;
-        let total = written.iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-        Ok((written.len() as u64, total))
+            .collect::<Result<Vec<_>, BakeError>>()?;
+        self.progress.advance(written.len() as u64);
+        Ok(written
+            .into_iter()
+            .fold(Written::default(), |a, b| Written {
+                tiles: a.tiles + b.tiles,
+                bytes: a.bytes + b.bytes,
+                texels: a.texels + b.texels,
+                sum: a.sum + b.sum,
+            }))
     }
+}
+
+/// What was written of a row of tiles.
+#[derive(Default)]
+struct Written {
+    tiles: u64,
+    bytes: u64,
+    /// Own texels on the terrain, and the sum of their densities.
+    texels: u64,
+    sum: u64,
 }
 
 fn read<T>(

@@ -24,7 +24,7 @@ pub enum BakeStage {
     Finish,
 }
 
-/// Hears how far a bake has come. Called from the thread that bakes, some times a second.
+/// Hears how far a bake has come, some times a second.
 pub trait BakeProgress: Sync {
     /// A stage begins that will go through `samples` samples (0: no telling, but soon over).
     fn stage(&self, stage: BakeStage, samples: u64) {
@@ -178,6 +178,12 @@ pub enum BakeError {
         path: PathBuf,
         /// What is wrong with it.
         reason: String,
+    },
+    /// Another bake put its terrain there while densities of the old one were made.
+    #[error("{} was replaced meanwhile, so nothing was changed; run it again", path.display())]
+    Replaced {
+        /// The folder.
+        path: PathBuf,
     },
     /// The manifest that would be written couldn't be read again.
     #[error("the terrain can't be described: {reason}")]

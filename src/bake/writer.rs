@@ -37,9 +37,21 @@ fn split(out: &Path) -> Result<(PathBuf, OsString), BakeError> {
 /// Puts right what bakes of the same terrain left behind that were killed, and checks whether `out`
 /// may be written.
 pub(super) fn prepare(out: &Path, force: bool) -> Result<(), BakeError> {
+    put_right(out)?;
+    check_output(out, force)
+}
+
+/// Puts right what bakes of the terrain `out` left behind that were killed: where one had moved the
+/// old terrain aside and not yet put the new one in its place, the old one comes back; half-made
+/// folders are removed. Bakes and rebakes do it first; whoever is about to read a terrain that seems
+/// to be missing may do it too.
+///
+/// # Errors
+/// Where `out` has no name of its own.
+pub fn put_right(out: &Path) -> Result<(), BakeError> {
     let (parent, name) = split(out)?;
     recover(&parent, &name, out);
-    check_output(out, force)
+    Ok(())
 }
 
 /// Whether `out` may be written; changes nothing.
@@ -127,6 +139,10 @@ impl PartialTerrain {
         check_output(&self.out, force)?;
         let replaces = self.out.join(MANIFEST_FILE).is_file();
         if replaces {
+            let ours = [MANIFEST_FILE, INDEX_FILE, "height", "density"];
+            carry_over(&self.out, &self.dir, &|path| {
+                ours.iter().any(|name| path == Path::new(name))
+            })?;
             fs::rename(&self.out, &self.old).map_err(failed(&self.out))?;
         } else if self.out.is_dir() {
             fs::remove_dir(&self.out).map_err(failed(&self.out))?;
@@ -219,17 +235,84 @@ fn write(dir: &Path, path: &str, bytes: &[u8]) -> Result<u64, BakeError> {
     Ok(bytes.len() as u64)
 }
 
-/// Puts a tile's heights of the terrain in `source` into that in `dir`, as a second name of the
-/// same file where the file system has such a thing.
-pub(super) fn link_heights(
-    source: &Path,
-    dir: &Path,
-    address: TileAddress,
-) -> Result<(), BakeError> {
-    let path = HeightTile::path(address);
-    let (from, to) = (source.join(&path), dir.join(&path));
-    if fs::hard_link(&from, &to).is_ok() {
-        return Ok(());
+/// Which terrain lies in a folder, to tell whether another has taken its place.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Identity {
+    folder: Option<(u64, u64)>,
+    manifest: Vec<u8>,
+}
+
+impl Identity {
+    pub(super) fn of(dir: &Path) -> Result<Self, BakeError> {
+        let path = dir.join(MANIFEST_FILE);
+        let manifest = fs::read(&path).map_err(failed(&path))?;
+        #[cfg(unix)]
+        let folder = {
+            use std::os::unix::fs::MetadataExt;
+            fs::metadata(dir).ok().map(|dir| (dir.dev(), dir.ino()))
+        };
+        #[cfg(not(unix))]
+        let folder = None;
+        Ok(Self { folder, manifest })
     }
-    fs::copy(&from, &to).map(drop).map_err(failed(&to))
+}
+
+/// Gives everything that lies in the folder `from` a second name in the folder `to`, but for what is
+/// there already and for what `skip` names (a path below `from`). Files are linked, or copied where
+/// the file system can't; links are made again; folders keep their permissions.
+///
+/// A terrain's folder may hold more than a terrain: textures, notes, metadata. Nothing of it may be
+/// lost when a new terrain takes the place.
+pub(super) fn carry_over(
+    from: &Path,
+    to: &Path,
+    skip: &dyn Fn(&Path) -> bool,
+) -> Result<(), BakeError> {
+    carry_below(from, to, Path::new(""), skip)?;
+    if let Ok(folder) = fs::metadata(from) {
+        // Not every file system keeps permissions.
+        let _ = fs::set_permissions(to, folder.permissions());
+    }
+    Ok(())
+}
+
+fn carry_below(
+    from: &Path,
+    to: &Path,
+    below: &Path,
+    skip: &dyn Fn(&Path) -> bool,
+) -> Result<(), BakeError> {
+    let folder = from.join(below);
+    for entry in fs::read_dir(&folder).map_err(failed(&folder))? {
+        let entry = entry.map_err(failed(&folder))?;
+        let path = below.join(entry.file_name());
+        let (source, target) = (entry.path(), to.join(&path));
+        let kind = entry.file_type().map_err(failed(&source))?;
+        if skip(&path) {
+            continue;
+        }
+        if kind.is_dir() {
+            fs::create_dir_all(&target).map_err(failed(&target))?;
+            carry_below(from, to, &path, skip)?;
+        } else if fs::symlink_metadata(&target).is_ok() {
+            continue;
+        } else if kind.is_symlink() {
+            carry_link(&source, &target).map_err(failed(&target))?;
+        } else if kind.is_file() && fs::hard_link(&source, &target).is_err() {
+            fs::copy(&source, &target)
+                .map(drop)
+                .map_err(failed(&target))?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(unix)]
+fn carry_link(source: &Path, target: &Path) -> io::Result<()> {
+    std::os::unix::fs::symlink(fs::read_link(source)?, target)
+}
+
+#[cfg(not(unix))]
+fn carry_link(source: &Path, target: &Path) -> io::Result<()> {
+    fs::copy(source, target).map(drop)
 }

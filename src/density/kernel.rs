@@ -44,10 +44,10 @@ pub struct DensityWindow<'a> {
     pub stride: usize,
     /// Texels in x and z.
     pub texels: [usize; 2],
-    /// The samples in x and z, counted from the first texel's first, that count; the others'
-    /// curvature is taken for none. `0..4 * texels + 1` but at the terrain's rim, where samples lack
-    /// a neighbour.
-    pub inner: [Range<usize>; 2],
+    /// Which of the window's samples lie on the terrain, in x and z, at least two. The others' heights
+    /// don't matter: where a sample on the rim lacks a neighbour, the ground goes on straight there,
+    /// so that a plane has no curvature on its rim either.
+    pub terrain: [Range<usize>; 2],
 }
 
 impl DensityKernel {
@@ -57,13 +57,10 @@ impl DensityKernel {
     pub fn new(settings: &DensitySettings, step_m: f64, spacing_m: f64, level: u8) -> Self {
         let spacing_m = spacing_m * 2_f64.powi(level.into());
         let step = ((step_m / spacing_m) as f32).clamp(0.0, MAX_STEP);
-        // Heights of the coarser levels were rounded twice: as themselves, and as what they are
-        // means of.
-        let rounded = if level == 0 { step } else { 2.0 * step };
         Self {
             filter: settings.filter,
             step,
-            noise: settings.filter.rounding_noise(rounded),
+            noise: settings.filter.rounding_noise(step),
             factor: settings.gain * settings.filter.scale(),
             exponent: settings.exponent,
         }
@@ -115,7 +112,9 @@ impl DensityKernel {
         // the density be rounded down after all.
         let levels = density * 255.0;
         let below = levels as i32;
-        (below + i32::from(f64::from(below) < levels)) as u8
+        let above = below + i32::from(f64::from(below) < levels);
+        // A high exponent takes what is small to 0 altogether.
+        above.max(i32::from(clamped > 0.0)) as u8
     }
 
     /// Writes the densities of the window's texels to `out`, row by row, `out_stride` apart. Any
@@ -248,22 +247,44 @@ fn sweep<F: Filter>(
         row.clear();
         row.resize(width, 0.0);
     }
+    let [on_x, on_z] = &window.terrain;
+    let on_x = on_x.start..on_x.end.min(width + 2);
+    let on_z = on_z.start..on_z.end.min(CELL * rows + 3);
+    let heights = |z: usize| &window.heights[z * window.stride..][..width + 2];
+    // Beyond the rim, ground goes on straight; whole numbers of this size are exact.
     let load = |row: &mut [f32], z: usize| {
-        let heights = &window.heights[z * window.stride..][..width + 2];
-        for (float, &height) in row.iter_mut().zip(heights) {
-            *float = f32::from(height);
+        if on_z.contains(&z) {
+            for (float, &height) in row.iter_mut().zip(heights(z)) {
+                *float = f32::from(height);
+            }
+        } else {
+            let (rim, inner) = if z < on_z.start {
+                (on_z.start, on_z.start + 1)
+            } else {
+                (on_z.end - 1, on_z.end - 2)
+            };
+            for ((float, &rim), &inner) in row.iter_mut().zip(heights(rim)).zip(heights(inner)) {
+                *float = 2.0 * f32::from(rim) - f32::from(inner);
+            }
+        }
+        if on_x.start > 0 {
+            row[on_x.start - 1] = 2.0 * row[on_x.start] - row[on_x.start + 1];
+        }
+        if on_x.end < row.len() {
+            row[on_x.end] = 2.0 * row[on_x.end - 1] - row[on_x.end - 2];
         }
     };
     let [above, middle, below] = floats;
     load(above, 0);
     load(middle, 1);
-    let [inner_x, inner_z] = &window.inner;
-    let (left, right) = (inner_x.start.min(width), inner_x.end.min(width));
+    // Samples that are asked for, from the first texel's first.
+    let (left, right) = (on_x.start.max(1) - 1, (on_x.end - 1).min(width));
+    let asked = on_z.start.max(1) - 1..(on_z.end - 1).min(CELL * rows + 1);
     for row in 0..=CELL * rows {
         load(below, row + 2);
         // The last row of a texel is the next one's first.
         let ends = row > 0 && row % CELL == 0;
-        if inner_z.contains(&row) && left < right {
+        if asked.contains(&row) {
             let heights = [&*above, &*middle, &*below].map(|row| &row[left..right + 2]);
             let target = if ends { &mut *shared } else { &mut *largest };
             fold_row::<F>(heights, kernel.step, &mut target[left..right]);

@@ -6,7 +6,7 @@
 //! # From heights to a density
 //! 1. **Curvature** `c` of every sample, by the [filter](DensityFilter) that the
 //!    [settings](DensitySettings) name, from the sample and its eight neighbours; see
-//!    [`curvature`].
+//!    [`curvature`]. Beyond the terrain's rim the ground goes on straight.
 //! 2. **Normalisation.** Heights and distances both count sample spacings, which makes curvature a
 //!    pure number: `c = κ · s` with `κ` the curvature per metre and `s` the spacing in metres (of
 //!    that level; `c = K · s²` for the Gaussian). It says by how much the ground turns from one
@@ -28,6 +28,13 @@
 //! 8. **Coarser levels**: the largest of the four texels that a texel covers. Where a tile has no
 //!    finer ones, steps 1 to 7 on its own heights and its own spacing.
 //!
+//! # Cliffs
+//! All filters but [`SecondOrder`](DensityFilter::SecondOrder) measure the surface's own curvature,
+//! and a wall one sample wide is hardly curved: half-way up it is steep and straight, and the samples
+//! above and below it see a slope so steep that what bends counts for little (equation 3.6). A step
+//! of 5 spacings is seen as a quarter of one of 1 spacing, a step of 50 not at all. Where walls
+//! matter, take `SecondOrder`.
+//!
 //! Everything is IEEE arithmetic without fused multiplications and without library functions whose
 //! results differ by platform.
 
@@ -38,7 +45,7 @@ mod texels;
 
 pub use kernel::{DensityKernel, DensityScratch, DensityWindow};
 pub use settings::{DensityBorder, DensityFilter, DensitySettings, DensitySettingsError};
-pub use texels::{DensityRows, densities, texels_of, tile_densities};
+pub use texels::{DensityExtent, DensityRows, densities, texels_of, tile_densities};
 pub(crate) use texels::{coarser_row, spread_row};
 
 impl DensityFilter {
@@ -66,13 +73,14 @@ impl DensityFilter {
     pub fn rounding_noise(self, step: f32) -> f32 {
         // Between three samples in a row, rounding bends a straight line by one step at most;
         // across a square, by a quarter of one. See the tests for planes of all slopes.
+        // The thousandth is for rounding in single precision.
         match self {
             Self::SecondOrder => 2.0 * step,
-            Self::Gaussian => 1.0625 * step * step,
-            Self::Mean => step,
-            // Sums of cotangents cancel out on a plane, and leave a little in single precision.
+            Self::Gaussian => 1.001 * 1.0625 * step * step,
+            Self::Mean => 1.001 * step,
+            // Sums of cotangents cancel out on a plane, and leave a little.
             Self::LaplaceBeltrami | Self::LaplaceBeltramiVoronoi => 1.001 * step + 1e-6,
-            Self::Principal => 1.25 * step,
+            Self::Principal => 1.001 * 1.25 * step,
         }
     }
 }

@@ -26,8 +26,8 @@ pub struct DensitySettings {
     /// levels are made. Without, the map shows what the filter sees and nothing else.
     pub preprocess: bool,
     /// Side of the square, in texels of level 0, whose largest density a texel takes. The square
-    /// reaches `filter_size / 2` texels to every side: 1 leaves densities where they are, 2 and 3
-    /// spread them by one texel. In [`FILTER_SIZE_RANGE`](Self::FILTER_SIZE_RANGE).
+    /// reaches `filter_size / 2` texels to every side, and so even sizes count as the next odd one: 1
+    /// leaves densities where they are, 2 and 3 spread them by one texel. In [`FILTER_SIZE_RANGE`](Self::FILTER_SIZE_RANGE).
     pub filter_size: u32,
     /// How the texels along tiles' borders come about in the coarser levels.
     pub border: DensityBorder,
@@ -90,7 +90,8 @@ impl DensitySettings {
         real("exponent", self.exponent, Self::EXPONENT_RANGE)?;
         whole("filter_size", self.filter_size, Self::FILTER_SIZE_RANGE)?;
         whole("lod_skip", self.lod_skip, Self::LOD_SKIP_RANGE)?;
-        if self.border_size() > Self::MAX_BORDER_SIZE {
+        let spreads = self.preprocess && self.border == DensityBorder::PointSampled;
+        if spreads && self.border_size() > Self::MAX_BORDER_SIZE {
             return Err(DensitySettingsError::BorderSize {
                 filter_size: self.filter_size,
                 lod_skip: self.lod_skip,
@@ -136,12 +137,15 @@ fn decimal(value: f32) -> f64 {
 ///
 /// | filter | sees | is blind to | relative cost |
 /// |---|---|---|---|
-/// | `SecondOrder` | bends, more on slopes than they deserve | symmetric saddles | 1 |
-/// | `Gaussian` | peaks, pits, saddles | straight crests and valleys | 1.5 |
-/// | `Mean` | crests, valleys, peaks, pits | symmetric saddles | 1.5 |
-/// | `LaplaceBeltrami` | what `Mean` sees, from triangles | the same | 5 |
-/// | `LaplaceBeltramiVoronoi` | the same, with the area that is nearest to each sample | the same | 6 |
-/// | `Principal` | every bend in any direction | nothing | 2 |
+/// | `SecondOrder` | bends and walls, more on slopes than they deserve | symmetric saddles | 1 |
+/// | `Gaussian` | peaks, pits, saddles | straight crests and valleys, walls | 1.4 |
+/// | `Mean` | crests, valleys, peaks, pits | symmetric saddles, walls | 1.6 |
+/// | `LaplaceBeltrami` | what `Mean` sees, from triangles | the same | 5.6 |
+/// | `LaplaceBeltramiVoronoi` | the same, with the area that is nearest to each sample | the same | 7 |
+/// | `Principal` | bends in any direction | walls | 2.2 |
+///
+/// Walls are steps of many spacings from one sample to the next, see
+/// [`density`](crate::density#cliffs).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "ecs", derive(bevy::reflect::Reflect))]
 #[non_exhaustive]
@@ -158,7 +162,7 @@ pub enum DensityFilter {
     /// The same over the ring's mixed Voronoi area, equations 2.31 and 2.32.
     LaplaceBeltramiVoronoi,
     /// The larger of the two principal curvatures, equation 2.34. A saddle whose two bends cancel
-    /// out in the mean still counts.
+    /// out in the mean counts.
     Principal,
 }
 
@@ -273,7 +277,7 @@ pub enum DensitySettingsError {
     /// The border's square is too large.
     #[error(
         "a density filter size of {filter_size} with {lod_skip} skipped levels makes a border \
-         filter of {found} texels, and at most {} are possible",
+         filter of {found} texels, and at most {} are possible: lower one of the two",
         DensitySettings::MAX_BORDER_SIZE
     )]
     BorderSize {

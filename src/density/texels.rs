@@ -20,10 +20,6 @@ pub struct DensityRows<F> {
 /// The densities of a rectangle of texels, before they spread: those in `columns` and `rows` of a
 /// level. Returns them row by row.
 ///
-/// Samples on the terrain's rim lack neighbours on one side, and their curvature counts for none:
-/// the texels that they belong to reach further inside. A terrain that is two samples wide bends
-/// along its length only.
-///
 /// # Panics
 /// Where the rectangle reaches beyond the level's texels, or a row doesn't reach as far as it.
 #[must_use]
@@ -37,46 +33,54 @@ pub fn densities<'a, F: Fn(u32) -> &'a [u16]>(
     let samples = source.samples;
     let texels = [columns.len(), rows.len()];
     assert!(columns.end <= texels_of(samples[0]) && rows.end <= texels_of(samples[1]));
-    let mut out = vec![0; texels[0] * texels[1]];
     let width = CELL as usize * texels[0] + 3;
     let mut heights = Vec::with_capacity(width * (CELL as usize * texels[1] + 3));
-    // Where there are two samples, each stands for its neighbours too, one after the other.
-    let alone = |samples: u32| if samples < 3 { 0..samples } else { 0..1 };
-    for alone_z in alone(samples[1]) {
-        for alone_x in alone(samples[0]) {
-            // Window sample 0 lies before the first texel's first.
-            let sample = |at: u32, axis: usize, alone: u32| match samples[axis] {
-                0..3 => alone,
-                count => at.saturating_sub(1).min(count - 1),
-            };
-            heights.clear();
-            for z in CELL * rows.start..=CELL * rows.end + 2 {
-                let row = (source.row)(sample(z, 1, alone_z));
-                let at = |x: u32| (i64::from(x) - source.first_column) as usize;
-                let (west, east) = (CELL * columns.start, CELL * columns.end + 1);
-                if west > 0 && east < samples[0] && samples[0] > 2 {
-                    heights.extend_from_slice(&row[at(west - 1)..=at(east)]);
-                } else {
-                    heights.extend((west..=east + 1).map(|x| row[at(sample(x, 0, alone_x))]));
-                }
-            }
-            let window = DensityWindow {
-                heights: &heights,
-                stride: width,
-                texels,
-                inner: [
-                    inner(columns.start, samples[0], alone_x),
-                    inner(rows.start, samples[1], alone_z),
-                ],
-            };
-            let mut found = vec![0; out.len()];
-            kernel.run(&window, scratch, &mut found, texels[0]);
-            for (out, found) in out.iter_mut().zip(found) {
-                *out = found.max(*out);
-            }
+    // Window sample 0 lies before the first texel's first.
+    let sample = |at: u32, axis: usize| at.saturating_sub(1).min(samples[axis] - 1);
+    let (west, east) = (CELL * columns.start, CELL * columns.end + 2);
+    for z in CELL * rows.start..=CELL * rows.end + 2 {
+        let row = (source.row)(sample(z, 1));
+        let at = |x: u32| (i64::from(x) - source.first_column) as usize;
+        if west > 0 && east <= samples[0] {
+            heights.extend_from_slice(&row[at(west - 1)..at(east)]);
+        } else {
+            heights.extend((west..=east).map(|x| row[at(sample(x, 0))]));
         }
     }
+    let window = DensityWindow {
+        heights: &heights,
+        stride: width,
+        texels,
+        terrain: [
+            on_terrain(columns.start, samples[0]),
+            on_terrain(rows.start, samples[1]),
+        ],
+    };
+    let mut out = vec![0; texels[0] * texels[1]];
+    kernel.run(&window, scratch, &mut out, texels[0]);
     out
+}
+
+/// How far a level reaches, as far as densities go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DensityExtent {
+    /// Samples in x and z that lie on the terrain, at least two. A level may have one more, just
+    /// beyond the rim, whose height is a guess.
+    pub samples: [u32; 2],
+    /// Texels in x and z.
+    pub texels: [u32; 2],
+}
+
+impl DensityExtent {
+    /// Of level `level` of a terrain with `size` samples.
+    #[must_use]
+    pub fn new(size: [u32; 2], level: u8) -> Self {
+        let log2 = u32::from(level).min(31);
+        Self {
+            samples: size.map(|samples| (((samples - 1) >> log2) + 1).max(2)),
+            texels: size.map(|samples| texels_of((samples - 1).div_ceil(1 << log2) + 1)),
+        }
+    }
 }
 
 /// Texels of a level along a side of `samples` samples.
@@ -85,27 +89,22 @@ pub fn texels_of(samples: u32) -> u32 {
     (samples - 1).div_ceil(CELL)
 }
 
-/// Which samples of a window that starts with texel `first` have neighbours on both sides, on an
-/// axis of `samples` samples.
-pub(crate) fn inner(first: u32, samples: u32, alone: u32) -> Range<usize> {
-    let start = i64::from(CELL * first);
-    let range = if samples < 3 {
-        i64::from(alone)..i64::from(alone) + 1
-    } else {
-        1..i64::from(samples) - 1
-    };
-    (range.start - start).max(0) as usize..(range.end - start).max(0) as usize
+/// Which samples of a window that starts with texel `first` lie on a terrain of `samples` samples.
+fn on_terrain(first: u32, samples: u32) -> Range<usize> {
+    // Window sample 0 lies before the texel's first.
+    let start = usize::from(first == 0);
+    start..(samples - CELL * first) as usize + 1
 }
 
 /// The densities of a tile's own 32 by 32 texels, before they spread, from the tile's stored
 /// heights alone: its border holds what the filter needs of its neighbours. Texels beyond the
-/// terrain are 0. `samples` are the level's samples in x and z, `first` the tile's first own sample.
+/// terrain are 0. `extent` is the level's, `first` the tile's first own sample.
 ///
 /// # Panics
 /// Where `heights` are not 133 by 133.
 pub fn tile_densities(
     kernel: &DensityKernel,
-    samples: [u32; 2],
+    extent: &DensityExtent,
     first: [u32; 2],
     heights: &[u16],
     scratch: &mut DensityScratch,
@@ -120,26 +119,10 @@ pub fn tile_densities(
     out.fill(0);
     let side = |axis: usize| {
         let first = first[axis] / CELL;
-        first
-            ..(first + DENSITY_TEXELS)
-                .min(texels_of(samples[axis]))
-                .max(first)
+        first..(first + DENSITY_TEXELS).min(extent.texels[axis]).max(first)
     };
     let (columns, rows) = (side(0), side(1));
-    if samples[0] < 3 || samples[1] < 3 {
-        let source = DensityRows {
-            samples,
-            first_column: i64::from(first[0]) - i64::from(TILE_BORDER),
-            row: |z: u32| &heights[(z + TILE_BORDER - first[1]) as usize * stride..][..stride],
-        };
-        let width = columns.len();
-        let found = densities(kernel, &source, columns, rows, scratch);
-        for (out, found) in out
-            .chunks_exact_mut(DENSITY_TEXELS as usize)
-            .zip(found.chunks_exact(width.max(1)))
-        {
-            out[..width].copy_from_slice(found);
-        }
+    if columns.is_empty() || rows.is_empty() {
         return;
     }
     let skip = (TILE_BORDER - 1) as usize * (stride + 1);
@@ -147,9 +130,9 @@ pub fn tile_densities(
         heights: &heights[skip..],
         stride,
         texels: [columns.len(), rows.len()],
-        inner: [
-            inner(columns.start, samples[0], 0),
-            inner(rows.start, samples[1], 0),
+        terrain: [
+            on_terrain(columns.start, extent.samples[0]),
+            on_terrain(rows.start, extent.samples[1]),
         ],
     };
     kernel.run(&window, scratch, out, DENSITY_TEXELS as usize);

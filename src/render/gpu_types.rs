@@ -1,7 +1,7 @@
 //! Structs that the passes share with Rust; each has its pair in `shaders/types.wgsl`, and
 //! `tests/shaders.rs` compares their layouts.
 
-use crate::density::{DensityFilter, DensityKernel, DensitySettings};
+use crate::density::{DensityExtent, DensityFilter, DensityKernel, DensitySettings};
 use crate::lattice::{Lattice, MAX_LEVELS, Node, ViewLod};
 use crate::terrain::ManifestFile;
 use crate::tessellate::{FactorView, Partitioning};
@@ -226,8 +226,12 @@ pub struct GpuDensityLevel {
     pub step: f32,
     /// See [`DensityKernel::noise`].
     pub noise: f32,
-    /// The level's samples in x and z.
+    /// The level's samples in x and z that lie on the terrain.
     pub samples: [u32; 2],
+    /// The level's texels in x and z.
+    pub texels: [u32; 2],
+    /// Padding.
+    pub unused: [u32; 2],
 }
 
 impl GpuDensityKernel {
@@ -251,11 +255,14 @@ impl GpuDensityKernel {
         };
         for (level, entry) in (0..file.levels).zip(&mut kernel.levels) {
             let cpu = DensityKernel::new(settings, file.height_step_m, file.spacing_m, level);
+            let extent = DensityExtent::new(file.size, level);
             kernel.factor = cpu.factor();
             *entry = GpuDensityLevel {
                 step: cpu.step(),
                 noise: cpu.noise(),
-                samples: file.samples(level),
+                samples: extent.samples,
+                texels: extent.texels,
+                unused: [0; 2],
             };
         }
         kernel

@@ -2,7 +2,7 @@
 
 use crate::density::DensityArgs;
 use crate::progress::Bar;
-use crate::text::{peak_memory_mib, range, rounded, size};
+use crate::text::{metres, peak_memory_mib, range, rounded, size};
 use bevy_tessera::bake::import::{self, ImportSettings, Packing};
 use bevy_tessera::bake::{self, BakeReport, BakeSettings};
 use bevy_tessera::density::DensitySettings;
@@ -21,7 +21,7 @@ pub struct BakeArgs {
     #[arg(long, short, value_name = "DIR")]
     out: PathBuf,
     /// Metres between samples; what the file says, or 1, unless given.
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", allow_hyphen_values = true)]
     spacing_m: Option<f64>,
     /// Heights in metres that the terrain can store, as LO..HI; those of the file with headroom
     /// unless given. For files whose numbers have no meaning of their own (grey PNG, unsigned
@@ -29,7 +29,12 @@ pub struct BakeArgs {
     #[arg(long, value_name = "LO..HI", allow_hyphen_values = true, value_parser = range)]
     height_range_m: Option<RangeInclusive<f64>>,
     /// Metres kept free below and above the file's heights, for digging and piling up.
-    #[arg(long, value_name = "METRES", default_value_t = bake::DEFAULT_HEADROOM_M)]
+    #[arg(
+        long,
+        value_name = "METRES",
+        default_value_t = bake::DEFAULT_HEADROOM_M,
+        allow_hyphen_values = true
+    )]
     headroom_m: f64,
     /// Metres a unit of the file's numbers.
     #[arg(long, value_name = "METRES", allow_hyphen_values = true)]
@@ -41,7 +46,7 @@ pub struct BakeArgs {
     #[arg(long, value_name = "NUMBER", allow_hyphen_values = true)]
     no_data: Option<f64>,
     /// Size of a raw file in samples.
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", allow_hyphen_values = true, value_parser = size)]
     size: Option<[u32; 2]>,
     /// How heights are packed into the colours of a PNG file.
     #[arg(long, value_enum)]
@@ -109,17 +114,18 @@ pub fn print_report(out: &mut impl Write, dir: &Path, report: &BakeReport) -> st
         report.tiles,
         report.bytes as f64 / 1e6
     )?;
-    let range = &report.height_range_m;
+    let (range, step_m) = (&report.height_range_m, report.height_step_m);
     write!(
         out,
         "heights: {}..{} m in steps of {} m",
-        rounded(*range.start()),
-        rounded(*range.end()),
-        rounded(report.height_step_m)
+        metres(*range.start(), step_m),
+        metres(*range.end(), step_m),
+        rounded(step_m)
     )?;
     match report.source_range_m {
         Some((low, high)) => {
-            writeln!(out, " (the file has {}..{} m)", rounded(low), rounded(high))?
+            let (low, high) = (metres(low, step_m), metres(high, step_m));
+            writeln!(out, " (the file has {low}..{high} m)")?
         }
         None => writeln!(out)?,
     }

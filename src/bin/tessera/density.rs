@@ -28,12 +28,23 @@ pub struct DensityArgs {
     /// new terrain]
     #[arg(long, value_name = "EXPONENT", allow_hyphen_values = true)]
     exponent: Option<f32>,
-    /// Side in texels (of 4 x 4 samples) of the square over which densities spread, 1 to 32. [1 for
-    /// a new terrain: they don't]
-    #[arg(long, value_name = "TEXELS")]
+    /// Side in texels (of 4 x 4 samples) of the square over which densities spread, 1 to 32; it
+    /// reaches as far to every side, so that even sides count as the next odd one. [1 for a new
+    /// terrain: they don't]
+    #[arg(
+        long,
+        value_name = "TEXELS",
+        allow_hyphen_values = true,
+        value_parser = crate::text::whole(DensitySettings::FILTER_SIZE_RANGE)
+    )]
     filter_size: Option<u32>,
     /// Level at which point-sampled borders are about right, 0 to 4. [1 for a new terrain]
-    #[arg(long, value_name = "LEVELS")]
+    #[arg(
+        long,
+        value_name = "LEVELS",
+        allow_hyphen_values = true,
+        value_parser = crate::text::whole(DensitySettings::LOD_SKIP_RANGE)
+    )]
     lod_skip: Option<u32>,
     /// Spread nothing, to see what the filter sees.
     #[arg(long, overrides_with = "preprocess")]
@@ -79,6 +90,9 @@ impl DensityArgs {
 
 /// Bakes the densities of the terrain in `dir` anew.
 pub fn density(dir: &Path, args: &DensityArgs) -> Result<ExitCode, Box<dyn Error>> {
+    // Where a bake was killed between its last two steps, the terrain isn't there yet.
+    let folder = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
+    bake::put_right(&folder)?;
     let terrain = TerrainManifest::read(dir).map_err(|error| in_folder(dir, &error))?;
     let settings = args.over(terrain.file.density)?;
     let progress = Bar::default();

@@ -1,7 +1,7 @@
 //! `tessera inspect` and `tessera verify`.
 
 use crate::progress::Bar;
-use crate::text::{in_folder, rounded};
+use crate::text::{in_folder, metres, metres_in_table, rounded};
 use bevy_tessera::bake::{self, BakeProgress};
 use bevy_tessera::terrain::{DensityBorder, DensitySettings, TerrainManifest};
 use std::error::Error;
@@ -26,8 +26,8 @@ pub fn inspect(dir: &Path) -> Result<ExitCode, Box<dyn Error>> {
     writeln!(
         out,
         "heights   {}..{} m can be stored, in steps of {} m",
-        rounded(file.height_m(0)),
-        rounded(file.height_m(u16::MAX)),
+        metres(file.height_m(0), file.height_step_m),
+        metres(file.height_m(u16::MAX), file.height_step_m),
         rounded(file.height_step_m)
     )?;
     writeln!(out, "density   {}", describe(&file.density))?;
@@ -46,9 +46,9 @@ pub fn inspect(dir: &Path) -> Result<ExitCode, Box<dyn Error>> {
         }
         let heights = range.map_or("none".to_owned(), |range| {
             format!(
-                "{:.1}..{:.1} m",
-                file.height_m(range.min),
-                file.height_m(range.max)
+                "{}..{} m",
+                metres_in_table(file.height_m(range.min), file.height_step_m),
+                metres_in_table(file.height_m(range.max), file.height_step_m)
             )
         });
         let spacing = format!("{} m", rounded(file.spacing_m * f64::from(1 << number)));
@@ -100,7 +100,9 @@ pub fn describe(settings: &DensitySettings) -> String {
     if !settings.preprocess {
         text += ", not spread";
     } else if settings.filter_size > 1 {
-        text += &format!(", spread over {0} x {0} texels", settings.filter_size);
+        // Half of an even side, to the left and to the right, is the next odd side.
+        let side = 2 * (settings.filter_size / 2) + 1;
+        text += &format!(", spread over {side} x {side} texels");
     }
     if settings.border == DensityBorder::PointSampled {
         text += &format!(

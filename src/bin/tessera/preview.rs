@@ -1,7 +1,8 @@
 //! `tessera preview`.
 
-use crate::text::rounded;
+use crate::text::{rounded, significant, whole};
 use bevy_tessera::bake::{self, PreviewKind, PreviewSettings};
+use bevy_tessera::terrain::MAX_LEVELS;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::error::Error;
@@ -13,17 +14,28 @@ use std::process::ExitCode;
 pub struct PreviewArgs {
     /// The terrain's folder.
     dir: PathBuf,
-    /// The picture.
+    /// The picture, a PNG file; a preview that exists is replaced, and no other file.
     #[arg(long, short, value_name = "PNG")]
     out: PathBuf,
     /// What is drawn; `all` is the three others side by side.
     #[arg(long, value_name = "KIND", value_parser = kinds(), default_value = "all")]
     kind: PreviewKind,
     /// Longest side of one picture in pixels, 16 to 8192.
-    #[arg(long, value_name = "PIXELS", default_value_t = PreviewSettings::default().max_size_px)]
+    #[arg(
+        long,
+        value_name = "PIXELS",
+        default_value_t = PreviewSettings::default().max_size_px,
+        allow_hyphen_values = true,
+        value_parser = whole(PreviewSettings::MAX_SIZE_RANGE)
+    )]
     max_size: u32,
     /// Level that is drawn; the finest that fits unless given.
-    #[arg(long, value_name = "LEVEL")]
+    #[arg(
+        long,
+        value_name = "LEVEL",
+        allow_hyphen_values = true,
+        value_parser = whole(0..=MAX_LEVELS - 1)
+    )]
     level: Option<u8>,
     /// Where the sun stands, in degrees from north by east.
     #[arg(
@@ -70,7 +82,7 @@ pub fn preview(args: &PreviewArgs) -> Result<ExitCode, Box<dyn Error>> {
         args.out.display(),
         report.level,
         rounded(report.pixel_m),
-        rounded((report.exaggeration * 100.0).round() / 100.0)
+        significant(report.exaggeration)
     )?;
     if report.coarser_tiles > 0 {
         writeln!(

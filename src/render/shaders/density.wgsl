@@ -56,7 +56,8 @@ fn quantise(found: f32, noise: f32) -> u32 {
     if density_kernel.exponent != 1.0 && density > 0.0 {
         density = pow(density, density_kernel.exponent);
     }
-    return u32(ceil(min(density, 1.0) * 255.0));
+    let stored = u32(ceil(min(density, 1.0) * 255.0));
+    return max(stored, select(0u, 1u, sure * density_kernel.factor > 0.0));
 }
 
 fn ring_at(x: u32, z: u32) -> Ring {
@@ -70,6 +71,22 @@ fn ring_at(x: u32, z: u32) -> Ring {
     );
 }
 
+// The height of a sample of the terrain, counted from one before the strip's first. Beyond the rim
+// the ground goes on straight.
+fn read_height(page: u32, origin: vec2<i32>, sample: vec2<i32>, samples: vec2<i32>) -> f32 {
+    let on = clamp(sample, vec2(0), samples - 1);
+    let layer = page_layer(page);
+    let here = f32(textureLoad(density_heights, origin + on, layer, 0).r);
+    if all(on == sample) {
+        return here;
+    }
+    let inner = 2 * on - sample;
+    let across = f32(textureLoad(density_heights, origin + vec2(inner.x, on.y), layer, 0).r);
+    let down = f32(textureLoad(density_heights, origin + vec2(on.x, inner.y), layer, 0).r);
+    let both = f32(textureLoad(density_heights, origin + inner, layer, 0).r);
+    return 2.0 * (2.0 * here - across) - (2.0 * down - both);
+}
+
 @compute @workgroup_size(256)
 fn density(
     @builtin(workgroup_id) workgroup: vec3<u32>,
@@ -81,11 +98,13 @@ fn density(
     let local = vec2(0u, workgroup.y * STRIP * CELL);
     let first = job.tile * u32(TILE_SAMPLES) + local;
 
-    let texel = page_origin(job.page) + vec2<i32>(local) + vec2(TILE_BORDER - 1);
-    let layer = page_layer(job.page);
+    // Where sample 0 of the terrain would lie in the page.
+    let origin = page_origin(job.page) + TILE_BORDER - vec2<i32>(job.tile) * TILE_SAMPLES;
     for (var place = lane; place < READ_WIDTH * READ_HEIGHT; place += LANES) {
-        let at = texel + vec2<i32>(vec2(place % READ_WIDTH, place / READ_WIDTH));
-        heights[place] = f32(textureLoad(density_heights, at, layer, 0).r);
+        let sample = vec2<i32>(first + vec2(place % READ_WIDTH, place / READ_WIDTH)) - 1;
+        // What lies further out than a neighbour of the rim is not read.
+        let near = min(sample, vec2<i32>(level.samples));
+        heights[place] = read_height(job.page, origin, near, vec2<i32>(level.samples));
     }
     if lane < STRIP_TEXELS {
         atomicStore(&largest[lane], 0u);
@@ -94,10 +113,7 @@ fn density(
 
     for (var place = lane; place < WIDTH * HEIGHT; place += LANES) {
         let sample = vec2(place % WIDTH, place / WIDTH);
-        // Samples on the terrain's rim lack a neighbour, and a terrain two samples wide has
-        // nothing but its rim.
-        let at = first + sample;
-        if any(at < vec2(1u)) || any(at + 1u >= level.samples) {
+        if any(first + sample >= level.samples) {
             continue;
         }
         let found = curvature(ring_at(sample.x, sample.y), level.step);
@@ -105,7 +121,14 @@ fn density(
             continue;
         }
         // Texels share the samples between them: one, two or four take this one.
-        let last = min(sample / CELL, vec2(TEXELS - 1u, STRIP - 1u));
+        // Those beyond the terrain keep nothing.
+        let first_texel = first / CELL;
+        let ends = max(level.texels, first_texel) - first_texel;
+        let room = min(vec2(TEXELS, STRIP), ends);
+        if any(room == vec2(0u)) {
+            continue;
+        }
+        let last = min(sample / CELL, room - 1u);
         let before = max((sample + CELL - 1u) / CELL, vec2(1u)) - 1u;
         for (var z = before.y; z <= last.y; z++) {
             for (var x = before.x; x <= last.x; x++) {

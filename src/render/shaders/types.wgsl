@@ -134,8 +134,10 @@ struct DensityLevel {
     // What a stored unit is worth in sample spacings, and what rounding to it makes of a plane.
     step: f32,
     noise: f32,
-    // The level's samples in x and z.
+    // The level's samples in x and z that lie on the terrain, and its texels.
     samples: vec2<u32>,
+    texels: vec2<u32>,
+    unused: vec2<u32>,
 }
 
 // A page whose densities are to be made, and the tile that it holds.
