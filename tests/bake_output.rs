@@ -6,7 +6,7 @@ mod bake_support;
 
 use bake_support::{addresses, bake_heights, entries, landscape, manifest};
 use bevy_tessera::bake::{self, BakeError, BakeSettings, Fault, HeightSource, SourceError};
-use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress, TileRange};
+use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress, TileRange, encode_tile, tile_path};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -87,7 +87,7 @@ fn kill_a_bake(dir: &Path, out: &Path, wait: Duration) {
     };
     loop {
         if let Some(name) = partial()
-            && fs::read_dir(dir.join(name).join("height/0")).is_ok_and(|mut d| d.next().is_some())
+            && fs::read_dir(dir.join(name).join("tile/0")).is_ok_and(|mut d| d.next().is_some())
         {
             break;
         }
@@ -325,8 +325,8 @@ fn verify(out: &Path) -> (Option<i32>, String) {
 fn verify_names_every_damaged_tile() {
     let Terrain { _folder, out } = &terrain();
     assert_eq!(verify(out).0, Some(0));
-    let height = |x, z| HeightTile::path(TileAddress::new(0, x, z));
-    let density = |x, z| DensityTile::path(TileAddress::new(0, x, z));
+    let height = |x, z| tile_path(TileAddress::new(0, x, z));
+    let density = height;
     let change = |path: &str, change: &dyn Fn(&mut Vec<u8>)| {
         let path = out.join(path);
         let mut bytes = fs::read(&path).expect("readable");
@@ -372,7 +372,12 @@ fn verify_finds_borders_that_differ_though_every_checksum_is_right() {
     // The south-eastern corner of the border: three neighbours hold it, none as its own range.
     let last = tile.samples().len() - 1;
     tile.samples_mut()[last] ^= 1;
-    fs::write(out.join(HeightTile::path(address)), tile.encode(address)).expect("writable");
+    let good = bake_support::densities(out, address);
+    let write = |heights: &HeightTile, densities: &DensityTile| {
+        let bytes = encode_tile(address, heights, densities);
+        fs::write(out.join(tile_path(address)), bytes).expect("writable");
+    };
+    write(&tile, &good);
     let report = bake::verify(out, &|_| {}).expect("the manifest is good");
     assert!(!report.faults.is_empty());
     for (tile, fault) in &report.faults {
@@ -382,9 +387,9 @@ fn verify_finds_borders_that_differ_though_every_checksum_is_right() {
         assert!(*tile == address || *neighbour == address, "{tile}: {fault}");
     }
 
-    let mut tile = bake_support::densities(out, address);
-    tile.samples_mut()[35] ^= 1;
-    fs::write(out.join(DensityTile::path(address)), tile.encode(address)).expect("writable");
+    let mut densities = good;
+    densities.samples_mut()[35] ^= 1;
+    write(&tile, &densities);
     let report = bake::verify(out, &|_| {}).expect("the manifest is good");
     let densities =
         |(_, fault): &&(TileAddress, Fault)| matches!(fault, Fault::DensityBorder { .. });

@@ -6,7 +6,7 @@ use bevy_tessera::bake::{
     BakeSettings, MemorySource, PreviewError, PreviewKind, PreviewReport, PreviewSettings, bake,
     preview,
 };
-use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress};
+use bevy_tessera::tile::{TileAddress, tile_path};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -229,10 +229,12 @@ fn what_cannot_be_read_is_magenta_and_named_and_the_rest_is_unharmed() {
     let stage = Stage::new([300, 300], hills);
     let before = stage.draw(&PreviewSettings::default()).0;
     let tile = TileAddress::new(0, 1, 1);
-    let damage = |path: String| {
-        let path = stage.terrain().join(path);
+    // Of the heights' section, or of the densities' behind it.
+    let damage = |at: fn(usize) -> usize| {
+        let path = stage.terrain().join(tile_path(tile));
         let mut bytes = std::fs::read(&path).expect("the tile");
-        bytes[100] ^= 1;
+        let at = at(bytes.len());
+        bytes[at] ^= 1;
         std::fs::write(&path, bytes).expect("written");
     };
     // Panels that show heights: the first and the third; densities: the second and the third.
@@ -248,24 +250,17 @@ fn what_cannot_be_read_is_magenta_and_named_and_the_rest_is_unharmed() {
             assert_eq!(pixel.0, wanted, "{x} {z}");
         }
     };
-    damage(HeightTile::path(tile));
+    damage(|_| 100);
     check([true, false, true]);
     let (_, report) = stage.draw(&PreviewSettings::default());
     assert_eq!(report.warnings.len(), 1);
-    assert!(
-        report.warnings[0].contains("height/0/1_1.height"),
-        "{report:?}"
-    );
+    assert!(report.warnings[0].contains("tile/0/1_1.tile"), "{report:?}");
 
-    let density = stage.terrain().join(DensityTile::path(tile));
-    std::fs::remove_file(density).expect("removed");
+    damage(|length| length - 100);
     check([true, true, true]);
     let (_, report) = stage.draw(&PreviewSettings::default());
     assert_eq!(report.warnings.len(), 2);
-    assert!(
-        report.warnings[1].contains("density/0/1_1.density"),
-        "{report:?}"
-    );
+    assert!(report.warnings[1].contains("tile/0/1_1.tile"), "{report:?}");
 
     // Where pixels are many samples, each that has one of the tile's is spoilt.
     let small = PreviewSettings {

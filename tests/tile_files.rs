@@ -48,8 +48,8 @@ fn tiles_are_read_as_they_were_written() {
         DensityTile::decode(&tile.encode(ADDRESS), ADDRESS),
         Ok(tile)
     );
-    assert_eq!(HeightTile::path(ADDRESS), "height/3/70000_5.height");
-    assert_eq!(DensityTile::path(ADDRESS), "density/3/70000_5.density");
+    assert_eq!(HeightTile::path(ADDRESS), "tile/3/70000_5.tile");
+    assert_eq!(DensityTile::path(ADDRESS), HeightTile::path(ADDRESS));
     assert!(HeightTile::from_samples(vec![0; 133 * 132].into()).is_none());
     assert!(DensityTile::from_samples(vec![0; 36].into()).is_none());
 }

@@ -5,7 +5,7 @@ mod bake_support;
 use bake_support::{entries, manifest};
 use bevy_tessera::bake::verify;
 use bevy_tessera::density::{DensityBorder, DensityFilter, DensitySettings};
-use bevy_tessera::tile::{DensityTile, HeightTile};
+use bevy_tessera::tile::tile_path;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -56,7 +56,7 @@ fn assert_good(dir: &str) {
 /// Every byte of a terrain's tiles.
 fn tiles(dir: &str) -> Vec<Vec<u8>> {
     let dir = Path::new(dir);
-    let of = |address| [HeightTile::path(address), DensityTile::path(address)];
+    let of = |address| [tile_path(address)];
     let all = manifest(dir).index;
     let files = all.iter().flat_map(|(address, _)| of(address));
     files
@@ -432,9 +432,9 @@ fn density_refuses_what_it_cannot_do_and_changes_nothing() {
     let wide = refused(&[&["density", &out], &wide[..]].concat());
     assert!(wide.contains("at most 64"), "{wide}");
     assert!(tiles(&out) == before);
-    fs::remove_file(Path::new(&out).join("height/0/1_0.height")).expect("it was there");
+    fs::remove_file(Path::new(&out).join("tile/0/1_0.tile")).expect("it was there");
     let message = refused(&["density", &out]);
-    assert!(message.contains("1_0.height"), "{message}");
+    assert!(message.contains("1_0.tile"), "{message}");
     assert_eq!(entries(folder.path()), ["terrain"]);
 }
 

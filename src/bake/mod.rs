@@ -82,7 +82,7 @@ pub struct BakeSettings {
     pub band_rows: Option<u32>,
     /// Whether a terrain that exists already is replaced.
     pub force: bool,
-    /// For benchmarks only: leaves densities out, files included, so that it shows what they cost.
+    /// For benchmarks only: leaves densities out of the files, so that it shows what they cost.
     /// The result is no terrain.
     #[doc(hidden)]
     pub leave_out_densities: bool,

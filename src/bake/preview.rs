@@ -387,7 +387,7 @@ fn check_output(out: &Path) -> Result<PathBuf, PreviewError> {
         let of_terrain = [MANIFEST_FILE, INDEX_FILE]
             .into_iter()
             .any(|name| out.ends_with(name))
-            || ["height", "density"]
+            || ["tile"]
                 .into_iter()
                 .any(|extension| out.extension().is_some_and(|found| found == extension));
         if of_terrain {
@@ -803,6 +803,8 @@ fn read_tile(dir: &Path, kind: PreviewKind, tile: TileAddress) -> (Contents, Vec
         let decode = |bytes: &[u8]| DensityTile::decode(bytes, tile);
         contents.densities = read(dir, &DensityTile::path(tile), decode, &mut faults);
     }
+    // Where the file is missing, both sections say so.
+    faults.dedup();
     (contents, faults)
 }
 

@@ -266,11 +266,10 @@ impl Pyramid {
             .map(|address| {
                 let level = &self.levels[usize::from(address.level)];
                 let heights = height_window(level, address);
-                let mut bytes = writer::write_heights(&self.dir, address, &heights)?;
-                if self.with_densities {
-                    let densities = density_window(&level.densities, level.texels, address);
-                    bytes += writer::write_densities(&self.dir, address, &densities)?;
-                }
+                let densities = self
+                    .with_densities
+                    .then(|| density_window(&level.densities, level.texels, address));
+                let bytes = writer::write_tile(&self.dir, address, &heights, densities.as_ref())?;
                 Ok::<_, BakeError>((address, heights.range(), bytes))
             })
             .collect::<Result<_, _>>()?;

@@ -10,7 +10,7 @@ use crate::density::{
 use crate::terrain::{ManifestFile, TerrainManifest};
 use crate::tile::{
     DENSITY_BORDER, DENSITY_TEXELS, DensityTile, HeightTile, TILE_SAMPLES, TileAddress,
-    TileFormatError, TileIndex,
+    TileFormatError, TileIndex, tile_path,
 };
 use rayon::prelude::*;
 use std::path::Path;
@@ -25,7 +25,7 @@ type Block = [u8; TEXELS * TEXELS];
 pub struct DensityReport {
     /// Tiles whose densities were made.
     pub tiles: u64,
-    /// Bytes of density tiles written.
+    /// Bytes of tiles written.
     pub bytes: u64,
     /// Samples that curvature was taken of.
     pub samples: u64,
@@ -40,8 +40,8 @@ pub struct DensityReport {
 /// made, byte for byte.
 ///
 /// The new terrain is put together beside the old one, which it replaces at the end: who is
-/// stopped leaves the old one. Height tiles and whatever else lies in the folder are linked, not
-/// copied, where the file system can.
+/// stopped leaves the old one. Whatever else lies in the folder is linked, not copied, where the file
+/// system can.
 /// Memory grows with the terrain's width, by some hundred bytes a column.
 ///
 /// Texels of tiles that lack a finer tile come from their own heights; what the thesis's
@@ -92,17 +92,8 @@ pub fn rebake_densities(
     }
     progress.stage(BakeStage::Finish, 0);
     partial.write_index(&mut file, &index)?;
-    // Height tiles and whatever else lies in the folder.
+    // Whatever else lies in the folder.
     writer::carry_over(&folder, partial.dir(), &|_| false)?;
-    for (address, _) in index.iter() {
-        let path = HeightTile::path(address);
-        if !partial.dir().join(&path).is_file() {
-            return Err(BakeError::Tile {
-                path: dir.join(path),
-                reason: "it is missing".to_owned(),
-            });
-        }
-    }
     if writer::Identity::of(&folder).ok().as_ref() != Some(&before) {
         return Err(BakeError::Replaced {
             path: dir.to_owned(),
@@ -221,7 +212,7 @@ impl Rebake<'_> {
             any = true;
             let quadrant = ((child.x & 1) + 2 * (child.z & 1)) as usize;
             covered[quadrant] = true;
-            let densities: DensityTile = read(self.partial, &DensityTile::path(child), |bytes| {
+            let densities: DensityTile = read(self.partial, &tile_path(child), |bytes| {
                 DensityTile::decode(bytes, child)
             })?;
             let (x, z) = (
@@ -246,9 +237,7 @@ impl Rebake<'_> {
         if !missing {
             return Ok((own, finer, 0));
         }
-        let heights: HeightTile = read(self.source, &HeightTile::path(address), |bytes| {
-            HeightTile::decode(bytes, address)
-        })?;
+        let heights = self.heights(address)?;
         let first = address.first_sample();
         let extent = DensityExtent::new(self.file.size, self.level);
         let first = [first.0, first.1];
@@ -274,6 +263,11 @@ impl Rebake<'_> {
         Ok((own, finer, here(0) * here(1)))
     }
 
+    fn heights(&self, address: TileAddress) -> Result<HeightTile, BakeError> {
+        let decode = |bytes: &[u8]| HeightTile::decode(bytes, address);
+        read(self.source, &tile_path(address), decode)
+    }
+
     /// Writes the stored tiles of a row.
     fn write_row(&self, z: u32, texels: [u32; 2], done: &Rows<u8>) -> Result<Written, BakeError> {
         let addresses = (0..self.file.tiles(self.level)[0])
@@ -284,7 +278,8 @@ impl Rebake<'_> {
             .into_par_iter()
             .map(|address| {
                 let densities = density_window(done, texels, address);
-                let bytes = writer::write_densities(self.partial, address, &densities)?;
+                let heights = self.heights(address)?;
+                let bytes = writer::write_tile(self.partial, address, &heights, Some(&densities))?;
                 let own = |at: u32, axis: usize| {
                     (texels[axis] - DENSITY_TEXELS * at).min(DENSITY_TEXELS) as i32
                 };

@@ -3,6 +3,7 @@
 use crate::terrain::{ManifestError, TerrainManifest};
 use crate::tile::{
     DensityTile, HeightTile, TILE_SAMPLES, TileAddress, TileFormatError, TileIndex, TileRange,
+    tile_path,
 };
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -172,38 +173,35 @@ fn verify_level(
 }
 
 fn read_tile(dir: &Path, address: TileAddress) -> (Contents, Vec<Fault>) {
-    fn read<T>(
-        dir: &Path,
-        path: String,
-        decode: impl FnOnce(&[u8]) -> Result<T, TileFormatError>,
-        faults: &mut Vec<Fault>,
-    ) -> Option<T> {
-        match std::fs::read(dir.join(&path)) {
-            Err(reason) => faults.push(Fault::Unreadable {
-                path,
-                reason: reason.to_string(),
-            }),
-            Ok(bytes) => match decode(&bytes) {
-                Ok(tile) => return Some(tile),
-                Err(reason) => faults.push(Fault::Format { path, reason }),
-            },
+    let path = tile_path(address);
+    let bytes = match std::fs::read(dir.join(&path)) {
+        Ok(bytes) => bytes,
+        Err(reason) => {
+            let reason = reason.to_string();
+            return (
+                Contents::default(),
+                vec![Fault::Unreadable { path, reason }],
+            );
         }
-        None
+    };
+    let heights = HeightTile::decode(&bytes, address);
+    let densities = DensityTile::decode(&bytes, address);
+    let mut reasons: Vec<TileFormatError> = heights.as_ref().err().cloned().into_iter().collect();
+    if let Err(reason) = &densities {
+        // Where the heights' section is damaged, that of the densities may not be found for that.
+        let follows = matches!(reason, TileFormatError::Magic { .. }) && !reasons.is_empty();
+        if !follows && !reasons.contains(reason) {
+            reasons.push(reason.clone());
+        }
     }
-    let mut faults = Vec::new();
+    let named = |reason| Fault::Format {
+        path: path.clone(),
+        reason,
+    };
+    let faults = reasons.into_iter().map(named).collect();
     let contents = Contents {
-        heights: read(
-            dir,
-            HeightTile::path(address),
-            |bytes| HeightTile::decode(bytes, address),
-            &mut faults,
-        ),
-        densities: read(
-            dir,
-            DensityTile::path(address),
-            |bytes| DensityTile::decode(bytes, address),
-            &mut faults,
-        ),
+        heights: heights.ok(),
+        densities: densities.ok(),
     };
     (contents, faults)
 }

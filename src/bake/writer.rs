@@ -2,7 +2,7 @@
 
 use super::BakeError;
 use crate::terrain::{INDEX_FILE, MANIFEST_FILE, ManifestFile};
-use crate::tile::{DensityTile, HeightTile, TileAddress, TileIndex};
+use crate::tile::{DensityTile, HeightTile, TileAddress, TileIndex, encode_tile, tile_path};
 use std::ffi::OsString;
 use std::fs;
 use std::io;
@@ -103,10 +103,8 @@ impl PartialTerrain {
         // Fails where it exists: it would be another bake's.
         fs::create_dir(&partial.dir).map_err(failed(&partial.dir))?;
         for level in 0..manifest.levels {
-            for kind in ["height", "density"] {
-                let dir = partial.dir.join(format!("{kind}/{level}"));
-                fs::create_dir_all(&dir).map_err(failed(&dir))?;
-            }
+            let dir = partial.dir.join(format!("tile/{level}"));
+            fs::create_dir_all(&dir).map_err(failed(&dir))?;
         }
         Ok(partial)
     }
@@ -139,7 +137,8 @@ impl PartialTerrain {
         check_output(&self.out, force)?;
         let replaces = self.out.join(MANIFEST_FILE).is_file();
         if replaces {
-            let ours = [MANIFEST_FILE, INDEX_FILE, "height", "density"];
+            // The last two are those of version 1.
+            let ours = [MANIFEST_FILE, INDEX_FILE, "tile", "height", "density"];
             carry_over(&self.out, &self.dir, &|path| {
                 ours.iter().any(|name| path == Path::new(name))
             })?;
@@ -211,27 +210,19 @@ fn is_gone(process: u32) -> bool {
     processes.join("self").exists() && !processes.join(process.to_string()).exists()
 }
 
-/// Writes a tile's heights; returns the number of bytes.
-pub(super) fn write_heights(
+/// Writes a tile's file; returns the number of bytes.
+pub(super) fn write_tile(
     dir: &Path,
     address: TileAddress,
     heights: &HeightTile,
+    densities: Option<&DensityTile>,
 ) -> Result<u64, BakeError> {
-    write(dir, &HeightTile::path(address), &heights.encode(address))
-}
-
-/// Writes a tile's densities; returns the number of bytes.
-pub(super) fn write_densities(
-    dir: &Path,
-    address: TileAddress,
-    densities: &DensityTile,
-) -> Result<u64, BakeError> {
-    write(dir, &DensityTile::path(address), &densities.encode(address))
-}
-
-fn write(dir: &Path, path: &str, bytes: &[u8]) -> Result<u64, BakeError> {
-    let path = dir.join(path);
-    fs::write(&path, bytes).map_err(failed(&path))?;
+    let bytes = match densities {
+        Some(densities) => encode_tile(address, heights, densities),
+        None => heights.encode(address),
+    };
+    let path = dir.join(tile_path(address));
+    fs::write(&path, &bytes).map_err(failed(&path))?;
     Ok(bytes.len() as u64)
 }
 

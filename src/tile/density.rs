@@ -52,7 +52,7 @@ impl DensityTile {
         self.texels[(row * side + column) as usize]
     }
 
-    /// The bytes of this tile's file: 32 of header, then the texels.
+    /// The bytes of this tile's section: 32 of header, then the texels.
     #[must_use]
     pub fn encode(&self, address: TileAddress) -> Vec<u8> {
         let numbers = [u32::from(address.level), address.x, address.z];
@@ -61,7 +61,7 @@ impl DensityTile {
         format::finish(bytes)
     }
 
-    /// Reads what [`encode`](Self::encode) wrote.
+    /// Reads what [`encode`](Self::encode) wrote, alone or beside the tile's other section.
     ///
     /// # Errors
     /// Where the bytes are short, damaged, of another format or version, or another tile's than
@@ -73,10 +73,9 @@ impl DensityTile {
         })
     }
 
-    /// Where the tile lies in its terrain's folder.
+    /// The file in the terrain's folder that holds the tile; its heights and densities share one.
     #[must_use]
     pub fn path(address: TileAddress) -> String {
-        let TileAddress { level, x, z } = address;
-        format!("density/{level}/{x}_{z}.density")
+        super::tile_path(address)
     }
 }

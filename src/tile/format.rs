@@ -27,9 +27,9 @@ pub(crate) const FORMAT_VERSION: u32 = 1;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum TileKind {
-    /// A tile of heights, `height/{level}/{x}_{z}.height`.
+    /// A tile of heights, the first section of `tile/{level}/{x}_{z}.tile`.
     Height,
-    /// A tile of densities, `density/{level}/{x}_{z}.density`.
+    /// A tile of densities, the second section of `tile/{level}/{x}_{z}.tile`.
     Density,
     /// The index of all tiles, `tiles.index`.
     Index,
@@ -169,6 +169,35 @@ fn checksum(bytes: &[u8]) -> u32 {
     hasher.finalize()
 }
 
+/// The section of `kind` in a file that may hold several, one after the other; the whole file where
+/// it can't be told.
+pub(crate) fn section(bytes: &[u8], kind: TileKind) -> &[u8] {
+    let mut rest = bytes;
+    while rest.len() > HEADER_LEN {
+        let length = HEADER_LEN + u32_at(rest, 24) as usize;
+        let known = |magic: &[u8]| {
+            [TileKind::Height, TileKind::Density]
+                .iter()
+                .any(|kind| magic.starts_with(&kind.magic()))
+        };
+        let wanted = rest.starts_with(&kind.magic());
+        if !known(rest) || length > rest.len() {
+            break;
+        }
+        let (own, next) = rest.split_at(length);
+        if wanted {
+            // What follows must be a section too, or the file has grown.
+            return if known(next) { own } else { rest };
+        }
+        rest = next;
+    }
+    if rest.starts_with(&kind.magic()) {
+        rest
+    } else {
+        bytes
+    }
+}
+
 /// Checks everything but the address and returns the header's three numbers and the payload.
 pub(crate) fn open(bytes: &[u8], kind: TileKind) -> Result<([u32; 3], &[u8]), TileFormatError> {
     // The magic comes first, as far as there is one: an empty file is short, a text file is
@@ -219,7 +248,7 @@ pub(crate) fn open_tile(
     wanted: TileAddress,
     length: usize,
 ) -> Result<&[u8], TileFormatError> {
-    let ([level, x, z], payload) = open(bytes, kind)?;
+    let ([level, x, z], payload) = open(section(bytes, kind), kind)?;
     let found = TileAddress::new(u8::try_from(level).unwrap_or(u8::MAX), x, z);
     if found != wanted || level != u32::from(wanted.level) {
         return Err(TileFormatError::Address { found, wanted });

@@ -77,7 +77,7 @@ impl HeightTile {
         range
     }
 
-    /// The bytes of this tile's file: 32 of header, then the samples, little endian.
+    /// The bytes of this tile's section: 32 of header, then the samples, little endian.
     #[must_use]
     pub fn encode(&self, address: TileAddress) -> Vec<u8> {
         let numbers = [u32::from(address.level), address.x, address.z];
@@ -86,7 +86,7 @@ impl HeightTile {
         format::finish(bytes)
     }
 
-    /// Reads what [`encode`](Self::encode) wrote.
+    /// Reads what [`encode`](Self::encode) wrote, alone or beside the tile's other section.
     ///
     /// # Errors
     /// Where the bytes are short, damaged, of another format or version, or another tile's than
@@ -101,10 +101,9 @@ impl HeightTile {
         })
     }
 
-    /// Where the tile lies in its terrain's folder.
+    /// The file in the terrain's folder that holds the tile; its heights and densities share one.
     #[must_use]
     pub fn path(address: TileAddress) -> String {
-        let TileAddress { level, x, z } = address;
-        format!("height/{level}/{x}_{z}.height")
+        super::tile_path(address)
     }
 }

@@ -19,12 +19,10 @@ pub enum TileLoadError {
         reason: std::io::Error,
     },
     /// The path doesn't say which tile the file holds.
-    #[error("{path} can't be a terrain tile: a tile's path ends in level/x_z.{extension}")]
+    #[error("{path} can't be a terrain tile: a tile's path ends in level/x_z.tile")]
     Path {
         /// The asset's path.
         path: String,
-        /// Extension of this kind of tile.
-        extension: &'static str,
     },
     /// The bytes are not the tile that the path promises.
     #[error("{path} can't be used: {reason}")]
@@ -36,20 +34,19 @@ pub enum TileLoadError {
     },
 }
 
-/// Loads [`HeightTile`]s from `height/{level}/{x}_{z}.height`.
+/// Loads [`HeightTile`]s from `tile/{level}/{x}_{z}.tile`.
 ///
 /// The path says which tile is wanted; a file that holds another one is refused.
 #[derive(Clone, Copy, Debug, Default, TypePath)]
 pub struct HeightTileLoader;
 
-/// Loads [`DensityTile`]s from `density/{level}/{x}_{z}.density`.
+/// Loads [`DensityTile`]s from `tile/{level}/{x}_{z}.tile`.
 ///
 /// The path says which tile is wanted; a file that holds another one is refused.
 #[derive(Clone, Copy, Debug, Default, TypePath)]
 pub struct DensityTileLoader;
 
-const HEIGHT_EXTENSIONS: &[&str] = &["height"];
-const DENSITY_EXTENSIONS: &[&str] = &["density"];
+const EXTENSIONS: &[&str] = &["tile"];
 
 impl AssetLoader for HeightTileLoader {
     type Asset = HeightTile;
@@ -62,11 +59,11 @@ impl AssetLoader for HeightTileLoader {
         _settings: &(),
         load_context: &mut LoadContext<'_>,
     ) -> Result<HeightTile, TileLoadError> {
-        load_tile(reader, load_context, "height", HeightTile::decode).await
+        load_tile(reader, load_context, HeightTile::decode).await
     }
 
     fn extensions(&self) -> &[&str] {
-        HEIGHT_EXTENSIONS
+        EXTENSIONS
     }
 }
 
@@ -81,25 +78,22 @@ impl AssetLoader for DensityTileLoader {
         _settings: &(),
         load_context: &mut LoadContext<'_>,
     ) -> Result<DensityTile, TileLoadError> {
-        load_tile(reader, load_context, "density", DensityTile::decode).await
+        load_tile(reader, load_context, DensityTile::decode).await
     }
 
     fn extensions(&self) -> &[&str] {
-        DENSITY_EXTENSIONS
+        EXTENSIONS
     }
 }
 
 async fn load_tile<T>(
     reader: &mut dyn Reader,
     load_context: &LoadContext<'_>,
-    extension: &'static str,
     decode: fn(&[u8], TileAddress) -> Result<T, TileFormatError>,
 ) -> Result<T, TileLoadError> {
     let path = || load_context.path().to_string();
-    let address = address_of(load_context.path().path()).ok_or_else(|| TileLoadError::Path {
-        path: path(),
-        extension,
-    })?;
+    let address = address_of(load_context.path().path())
+        .ok_or_else(|| TileLoadError::Path { path: path() })?;
     let mut bytes = Vec::new();
     reader
         .read_to_end(&mut bytes)
@@ -130,15 +124,14 @@ mod tests {
         let address = TileAddress::new(3, 17, 4);
         let at = |path: String| address_of(Path::new(&path));
         assert_eq!(at(HeightTile::path(address)), Some(address));
-        assert_eq!(at(DensityTile::path(address)), Some(address));
         let deep = format!("worlds/alps/{}", HeightTile::path(address));
         assert_eq!(at(deep), Some(address));
         for bad in [
-            "1_2.height",
-            "height/x/1_2.height",
-            "height/0/12.height",
+            "1_2.tile",
+            "tile/x/1_2.tile",
+            "tile/0/12.tile",
             "",
-            "height/999/1_2.height",
+            "tile/999/1_2.tile",
         ] {
             assert_eq!(address_of(Path::new(bad)), None, "{bad}");
         }

@@ -20,6 +20,22 @@ pub use index::{LevelIndex, TileIndex, TileRange};
 #[cfg(feature = "ecs")]
 pub use loader::{DensityTileLoader, HeightTileLoader, TileLoadError};
 
+/// The file in a terrain's folder that holds a tile.
+#[must_use]
+pub fn tile_path(address: TileAddress) -> String {
+    let TileAddress { level, x, z } = address;
+    format!("tile/{level}/{x}_{z}.tile")
+}
+
+/// The bytes of a tile's file: its heights' section, then its densities'. One file and not two,
+/// because on many disks a file costs more than what is in it.
+#[must_use]
+pub fn encode_tile(address: TileAddress, heights: &HeightTile, densities: &DensityTile) -> Vec<u8> {
+    let mut bytes = heights.encode(address);
+    bytes.extend(densities.encode(address));
+    bytes
+}
+
 /// Samples along a tile's side, borders not counted; also the distance in samples between the
 /// origins of two neighbouring tiles of a level.
 pub const TILE_SAMPLES: u32 = 128;

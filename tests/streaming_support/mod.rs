@@ -15,6 +15,7 @@ use bevy_tessera::terrain::{
 };
 use bevy_tessera::tile::{
     DENSITY_STORED, DensityTile, HeightTile, TILE_BORDER, TILE_STORED, TileAddress, TileIndex,
+    encode_tile, tile_path,
 };
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -54,12 +55,11 @@ pub fn write_terrain(dir: &Path, size: [u32; 2]) -> ManifestFile {
                     .filter_map(|child| index.get(child))
                     .fold(tile.range(), |range, child| range.union(child));
                 index.set(address, Some(range));
-                write(&dir.join(HeightTile::path(address)), &tile.encode(address));
                 let texels = vec![128; (DENSITY_STORED * DENSITY_STORED) as usize];
                 let densities = DensityTile::from_samples(texels.into()).expect("35 x 35");
                 write(
-                    &dir.join(DensityTile::path(address)),
-                    &densities.encode(address),
+                    &dir.join(tile_path(address)),
+                    &encode_tile(address, &tile, &densities),
                 );
             }
         }
