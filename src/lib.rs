@@ -66,8 +66,7 @@
 //! With none of them the core is left, which depends on no part of Bevy.
 //!
 //! # What it does not do yet
-//! Densities are baked and streamed, but do not scale the tessellation. The ground can't be changed
-//! or asked for its height, and has no colliders.
+//! The ground can't be changed or asked for its height, and has no colliders.
 //!
 //! [Bevy]: https://bevy.org
 #![deny(unsafe_code)]

@@ -6,7 +6,7 @@ mod common;
 
 use bevy::prelude::*;
 use bevy_tessera::terrain::{TerrainCamera, TerrainSettings};
-use bevy_tessera::tessellate::Partitioning;
+use bevy_tessera::tessellate::{FaceFactors, Partitioning};
 use common::gpu::{Kernels, ReadBack};
 use common::random::Random;
 
@@ -17,14 +17,15 @@ fn compare(kernels: &Kernels, frame: &ReadBack) -> (u32, f32) {
     let faces: Vec<_> = frame
         .nodes
         .iter()
-        .flat_map(|node| (0..faces_a_node).map(|face| (*node, twin.corners(node, face))))
+        .flat_map(|node| (0..faces_a_node).map(|face| (*node, face)))
         .collect();
     assert_eq!(faces.len(), frame.factors.len());
     let mut factor_difference = 0;
-    for ((node, corners), gpu) in faces.iter().zip(&frame.factors) {
-        let cpu = twin.classify(node, corners);
-        for (a, b) in cpu.iter().zip(gpu) {
-            factor_difference = factor_difference.max(a.abs_diff(*b));
+    for ((node, face), gpu) in faces.iter().zip(&frame.factors) {
+        let cpu = twin.classify(node, *face);
+        let all = |factors: &FaceFactors| factors.edges.into_iter().chain(factors.inside);
+        for (a, b) in all(&cpu).zip(all(gpu)) {
+            factor_difference = factor_difference.max(a.abs_diff(b));
         }
     }
 
@@ -68,12 +69,9 @@ fn vertices_and_triangles_equal_the_twins() {
         let mut kernels = Kernels::start(settings, UVec2::new(96, 64));
         for n in 0..12 {
             let camera = TerrainCamera {
-                partitioning: [
-                    Partitioning::FractionalOdd,
-                    Partitioning::Integer,
-                    Partitioning::PowerOfTwo,
-                ][n % 3],
+                partitioning: Partitioning::ALL[n % Partitioning::ALL.len()],
                 triangle_width_px: random.pick(&[1.0, 3.0, 8.0]),
+                density: random.pick(&[0.0, 0.6, 1.0, 1.0]),
                 ..default()
             };
             kernels.set_camera(eye(&mut random), camera);
@@ -117,6 +115,7 @@ fn a_view_that_wants_more_than_its_buffers_hold_is_brought_down_as_a_whole() {
     let eye = Transform::from_xyz(15e3, 900.0, 15e3).looking_to(Vec3::new(1.0, -0.3, 0.0), Vec3::Y);
     let wide = TerrainCamera {
         triangle_width_px: 1.0,
+        density: 0.0,
         max_vertices: 1 << 22,
         ..default()
     };

@@ -329,7 +329,7 @@ layout_test!(
         max_vertices,
         field_cells,
         max_triangles,
-        unused,
+        density_strength,
         geometry,
         tiles,
     ]

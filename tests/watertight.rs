@@ -3,7 +3,7 @@
 mod common;
 
 use bevy_tessera::lattice::{Lattice, LodSettings, Node, ResidencyField, ViewLod};
-use bevy_tessera::tessellate::{FactorView, HeightSource, Partitioning, ViewMesh};
+use bevy_tessera::tessellate::{FaceFactors, FactorView, PageSource, Partitioning, ViewMesh};
 use bevy_tessera::tile::TileAddress;
 use common::manifold;
 use common::random::Random;
@@ -12,8 +12,14 @@ use glam::{IVec2, UVec2, Vec2};
 /// Heights that differ between levels at every point, so that reading the wrong one shows.
 struct Noise;
 
-impl HeightSource for Noise {
-    fn sample(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16> {
+impl PageSource for Noise {
+    fn density(&self, tile: TileAddress, x: i32, z: i32) -> Option<u8> {
+        let texel = i64::from(tile.x) * 32 + i64::from(x) + 7919 * i64::from(tile.z * 32);
+        let hash = (texel * 31 + i64::from(z) * 977 + i64::from(tile.level) * 53) * 2_654_435_761;
+        Some((hash >> 9) as u8)
+    }
+
+    fn height(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16> {
         let x = i64::from(tile.x) * 128 + i64::from(x);
         let z = i64::from(tile.z) * 128 + i64::from(z);
         let hash = (x * 73 + z * 179 + i64::from(tile.level) * 977).wrapping_mul(2_654_435_761);
@@ -74,6 +80,7 @@ fn build(
         segments_per_m: 0.0,
         min_triangle_m: 0.1,
         max_factor: 64.0,
+        density_strength: 1.0,
     };
     let mesh = ViewMesh {
         lattice,
@@ -81,7 +88,7 @@ fn build(
         field: &field,
         factor_view: &view,
         partitioning,
-        heights: &Noise,
+        pages: &Noise,
         height_min_m: -100.0,
         height_step_m: 0.01,
         max_vertices: u32::MAX,
@@ -105,11 +112,7 @@ fn the_twin_is_watertight_from_everywhere() {
             );
             let leaf = case.lattice.node_size(case.lattice.leaf_level);
             let floor = [0, leaf / 3, 2 * leaf][random.below(3) as usize];
-            let partitioning = [
-                Partitioning::FractionalOdd,
-                Partitioning::Integer,
-                Partitioning::PowerOfTwo,
-            ][n % 3];
+            let partitioning = Partitioning::ALL[n % Partitioning::ALL.len()];
             match build(&case, &mut random, eye, floor, partitioning) {
                 Ok(levels) => deep += usize::from(levels >= 3),
                 Err(wrong) => panic!("eye {eye}, floor {floor}, {partitioning:?}: {wrong}"),
@@ -125,7 +128,7 @@ fn the_twin_is_watertight_from_everywhere() {
 /// A mesh whose tear must be seen: an eye over a corner of many levels.
 fn twin_of_a_broken_view(
     break_lod: impl Fn(&mut ViewLod),
-    break_factors: impl Fn(&mut [[u32; 4]]),
+    break_factors: impl Fn(&mut [FaceFactors]),
 ) -> Result<(), String> {
     let lattice = Lattice::new([4097, 4097], 6, 0, 4).unwrap();
     let eye = lattice.extent / 3;
@@ -145,6 +148,7 @@ fn twin_of_a_broken_view(
         segments_per_m: 0.0,
         min_triangle_m: 0.1,
         max_factor: 64.0,
+        density_strength: 1.0,
     };
     let twin = ViewMesh {
         lattice: &lattice,
@@ -152,7 +156,7 @@ fn twin_of_a_broken_view(
         field: &field,
         factor_view: &view,
         partitioning: Partitioning::FractionalOdd,
-        heights: &Noise,
+        pages: &Noise,
         height_min_m: 0.0,
         height_step_m: 0.01,
         max_vertices: u32::MAX,
@@ -161,11 +165,10 @@ fn twin_of_a_broken_view(
     let faces: Vec<_> = nodes
         .iter()
         .flat_map(|node| (0..16).map(|face| (*node, face)))
-        .map(|(node, face)| (node, twin.corners(&node, face)))
         .collect();
     let mut factors: Vec<_> = faces
         .iter()
-        .map(|(node, corners)| twin.classify(node, corners))
+        .map(|(node, face)| twin.classify(node, *face))
         .collect();
     break_factors(&mut factors);
     let mesh = twin.build_with(&faces, factors);
@@ -198,7 +201,7 @@ fn the_check_sees_an_edge_that_two_faces_cut_differently() {
         |_| {},
         |factors| {
             let middle = factors.len() / 2;
-            factors[middle][1] += 3 * bevy_tessera::tessellate::FACTOR_ONE;
+            factors[middle].edges[1] += 3 * bevy_tessera::tessellate::FACTOR_ONE;
         },
     );
     assert!(torn.is_err());
@@ -259,11 +262,7 @@ mod on_the_gpu {
             );
             let towards = Vec3::new(random.unit() - 0.5, -0.3, random.unit() - 0.5);
             let camera = TerrainCamera {
-                partitioning: [
-                    Partitioning::FractionalOdd,
-                    Partitioning::Integer,
-                    Partitioning::PowerOfTwo,
-                ][n % 3],
+                partitioning: Partitioning::ALL[n % Partitioning::ALL.len()],
                 triangle_width_px: random.pick(&[2.0, 4.0, 8.0]),
                 ..default()
             };

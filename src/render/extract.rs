@@ -4,10 +4,10 @@ use super::TerrainMaterial;
 use super::cull::TerrainNodes;
 use super::gpu_types::{GpuTerrainDraw, GpuTerrainNode, GpuTerrainView};
 use super::material::ComposedMaterials;
-use crate::stream::{TerrainState, TerrainTiles, TileHeights, TilePage};
+use crate::stream::{TerrainState, TerrainTiles, TileDensities, TileHeights, TilePage};
 use crate::terrain::TerrainCamera;
-use crate::tessellate::FactorView;
-use crate::tile::{HeightTile, TileAddress};
+use crate::tessellate::{FactorView, Partitioning};
+use crate::tile::{DensityTile, HeightTile, TileAddress};
 use crate::view::{TerrainView, TerrainViews};
 use bevy::asset::AssetId;
 use bevy::ecs::entity::EntityHashMap;
@@ -24,6 +24,7 @@ pub(super) struct PageUpload {
     pub(super) page: u32,
     pub(super) address: TileAddress,
     pub(super) heights: HeightTile,
+    pub(super) densities: DensityTile,
 }
 
 /// A terrain as it is in this frame.
@@ -46,6 +47,7 @@ pub(super) struct ExtractedView {
     pub(super) view: GpuTerrainView,
     pub(super) draw: GpuTerrainDraw,
     pub(super) nodes: Vec<GpuTerrainNode>,
+    pub(super) partitioning: Partitioning,
     pub(super) max_vertices: u32,
 }
 
@@ -71,9 +73,12 @@ impl UploadedTerrains {
     pub(super) fn pages(&self, terrain: Entity) -> impl Iterator<Item = (u32, TileAddress)> {
         let pages = self.terrains.get(&terrain).into_iter();
         let pages = pages.flat_map(|known| (0..).zip(&known.pages));
-        pages.filter_map(|(page, slot)| slot.map(|(address, _)| (page, address)))
+        pages.filter_map(|(page, slot)| slot.map(|(address, ..)| (page, address)))
     }
 }
+
+/// The tile that a page was written with.
+type PageContent = (TileAddress, AssetId<HeightTile>, AssetId<DensityTile>);
 
 #[derive(Default)]
 struct Uploaded {
@@ -84,11 +89,15 @@ struct Uploaded {
     /// A tile is resident whose heights could not be taken yet.
     incomplete: bool,
     /// What each page holds.
-    pages: Vec<Option<(TileAddress, AssetId<HeightTile>)>>,
+    pages: Vec<Option<PageContent>>,
     world_from_local: Option<DAffine3>,
 }
 
-#[expect(clippy::type_complexity, reason = "queries of a Bevy system")]
+#[expect(
+    clippy::type_complexity,
+    clippy::too_many_arguments,
+    reason = "parameters of a Bevy system"
+)]
 pub(super) fn extract_terrains(
     terrains: Extract<
         Query<(
@@ -98,8 +107,9 @@ pub(super) fn extract_terrains(
             Option<&TerrainMaterial>,
         )>,
     >,
-    tiles: Extract<Query<(&TileAddress, &TileHeights, &TilePage)>>,
+    tiles: Extract<Query<(&TileAddress, &TileHeights, &TileDensities, &TilePage)>>,
     heights: Extract<Res<Assets<HeightTile>>>,
+    densities: Extract<Res<Assets<DensityTile>>>,
     cameras: Extract<
         Query<(
             Entity,
@@ -140,22 +150,27 @@ pub(super) fn extract_terrains(
         let pages_changed = known.pages_version != state.pages_version();
         let look = pages_changed || known.incomplete;
         for tile in tile_entities.iter().filter(|_| look) {
-            let Ok((address, handle, page)) = tiles.get(tile) else {
+            let Ok((address, height_tile, density_tile, page)) = tiles.get(tile) else {
                 continue;
             };
             let slot = &mut known.pages[page.0 as usize];
-            if *slot == Some((*address, handle.id())) {
+            let content = (*address, height_tile.id(), density_tile.id());
+            if *slot == Some(content) {
                 continue;
             }
-            let Some(tile) = heights.get(handle.id()) else {
+            let (Some(heights), Some(densities)) = (
+                heights.get(height_tile.id()),
+                densities.get(density_tile.id()),
+            ) else {
                 incomplete = true;
                 continue;
             };
-            *slot = Some((*address, handle.id()));
+            *slot = Some(content);
             uploads.push(PageUpload {
                 page: page.0,
                 address: *address,
-                heights: tile.clone(),
+                heights: heights.clone(),
+                densities: densities.clone(),
             });
         }
         if look {
@@ -235,6 +250,7 @@ pub(super) fn extract_terrains(
                 view: gpu_view,
                 draw,
                 nodes: gpu_nodes,
+                partitioning: settings.partitioning,
                 max_vertices: settings.max_vertices,
             });
         }
@@ -278,6 +294,7 @@ pub fn factor_view(
         },
         min_triangle_m: settings.min_triangle_m.unwrap_or(spacing_m as f32),
         max_factor: settings.max_factor,
+        density_strength: settings.density,
     })
 }
 

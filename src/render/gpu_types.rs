@@ -4,7 +4,7 @@
 use crate::density::{DensityExtent, DensityFilter, DensityKernel, DensitySettings};
 use crate::lattice::{Lattice, MAX_LEVELS, Node, ViewLod};
 use crate::terrain::ManifestFile;
-use crate::tessellate::{FactorView, Partitioning};
+use crate::tessellate::{FaceFactors, FactorView, Partitioning};
 use crate::tile::{DENSITY_TEXELS, TileAddress};
 use bytemuck::{Pod, Zeroable};
 
@@ -58,8 +58,8 @@ pub struct GpuTerrainView {
     pub field_cells: [u32; 2],
     /// Room in the index buffer, triangles.
     pub max_triangles: u32,
-    /// Padding.
-    pub unused: u32,
+    /// See [`FactorView::density_strength`].
+    pub density_strength: f32,
     /// Per geometry level: where it begins to morph, its zone as a power of two.
     pub geometry: [[i32; 4]; MAX_LEVELS],
     /// Per tile level: first entry in the page table, tiles in x and z.
@@ -92,6 +92,7 @@ impl GpuTerrainView {
             segments_per_m: factors.segments_per_m,
             min_triangle_m: factors.min_triangle_m,
             max_factor: factors.max_factor,
+            density_strength: factors.density_strength,
             ..Self::zeroed()
         };
         for (level, entry) in view.geometry.iter_mut().enumerate() {
@@ -200,6 +201,28 @@ pub struct GpuTerrainDrawArgs {
     pub wanted_triangles: u32,
     /// Padding.
     pub unused: [u32; 2],
+}
+
+/// Factors of a face, less one unit each so that they fit 16 bits: the edges', then what the inside
+/// asks for itself. WGSL `pack_factors`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuFaceFactors {
+    /// Of the edges.
+    pub edges: [u16; 4],
+    /// Of the inside, across and down.
+    pub inside: [u16; 2],
+    /// Padding.
+    pub unused: [u16; 2],
+}
+
+impl From<GpuFaceFactors> for FaceFactors {
+    fn from(factors: GpuFaceFactors) -> Self {
+        Self {
+            edges: factors.edges.map(|factor| u32::from(factor) + 1),
+            inside: factors.inside.map(|factor| u32::from(factor) + 1),
+        }
+    }
 }
 
 /// What turns heights into densities, for a preview; WGSL `DensityKernel`.

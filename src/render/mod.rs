@@ -23,8 +23,8 @@ pub use cull::{LocalVolume, NodeBox, TerrainNodes, TileHeightBounds, select_seen
 pub use density::{GpuDensityPreview, GpuDensityPreviews, TerrainDensityPreview};
 pub use extract::factor_view;
 pub use gpu_types::{
-    GpuDensityJob, GpuDensityKernel, GpuDensityLevel, GpuTerrainDraw, GpuTerrainDrawArgs,
-    GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
+    GpuDensityJob, GpuDensityKernel, GpuDensityLevel, GpuFaceFactors, GpuTerrainDraw,
+    GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
 };
 pub use material::{DEFAULT_MATERIAL_WGSL, TerrainMaterial, compose_material};
 pub use prepare::{GpuTerrainMesh, GpuTerrainMeshes, tile_gradients};
@@ -111,6 +111,7 @@ impl Plugin for TerrainRenderPlugin {
         load_shader_library!(app, "shaders/bindings.wgsl");
         load_shader_library!(app, "shaders/lattice.wgsl");
         load_shader_library!(app, "shaders/height.wgsl");
+        load_shader_library!(app, "shaders/edge_density.wgsl");
         load_shader_library!(app, "shaders/face.wgsl");
         load_shader_library!(app, "shaders/scan.wgsl");
         load_shader_library!(app, "shaders/surface.wgsl");

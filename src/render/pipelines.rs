@@ -1,8 +1,8 @@
 //! Layouts and pipelines of the passes and the draws, made once a device.
 
 use super::gpu_types::{
-    GpuDensityJob, GpuDensityKernel, GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode,
-    GpuTerrainVertex, GpuTerrainView,
+    GpuDensityJob, GpuDensityKernel, GpuFaceFactors, GpuTerrainDraw, GpuTerrainDrawArgs,
+    GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
 };
 use bevy::asset::load_embedded_asset;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
@@ -71,7 +71,7 @@ pub(super) fn init_terrain_pipelines(
     let write = |size| storage_buffer_sized(false, size);
     let word = NonZeroU64::new(4);
     let pair = NonZeroU64::new(8);
-    let factors = NonZeroU64::new(16);
+    let factors = size_of_pod::<GpuFaceFactors>();
     let args = size_of_pod::<GpuTerrainDrawArgs>();
     let compute = ShaderStages::COMPUTE;
 
@@ -84,6 +84,7 @@ pub(super) fn init_terrain_pipelines(
                 read(size_of_pod::<GpuTerrainNode>()),
                 read(word),
                 read(word),
+                texture_2d_array(TextureSampleType::Uint),
                 texture_2d_array(TextureSampleType::Uint),
             ),
         ),

@@ -3,11 +3,12 @@
 use super::density::{DensityBuffers, GpuDensityPreviews};
 use super::extract::{ExtractedTerrain, ExtractedTerrains, ExtractedView, PageUpload};
 use super::gpu_types::{
-    GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
+    GpuFaceFactors, GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex,
+    GpuTerrainView,
 };
 use super::pipelines::TerrainPipelines;
 use crate::tessellate::FACTOR_SCALES;
-use crate::tile::{HeightTile, TILE_STORED};
+use crate::tile::{DENSITY_TEXELS, HeightTile, TILE_STORED};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use bevy::render::render_resource::{
@@ -31,6 +32,8 @@ pub(super) struct GpuTerrain {
     pub(super) capacity: u32,
     heights: Texture,
     pub(super) heights_view: TextureView,
+    densities: Texture,
+    densities_view: TextureView,
     gradients: Texture,
     gradients_view: TextureView,
     page_table: Buffer,
@@ -118,7 +121,7 @@ impl GpuTerrainMesh {
         &self.args
     }
 
-    /// Four `u32` a face, as many faces as nodes times faces a node.
+    /// [`GpuFaceFactors`] a face, as many faces as nodes times faces a node.
     #[must_use]
     pub const fn factors(&self) -> &Buffer {
         &self.factors
@@ -169,12 +172,12 @@ impl GpuTerrain {
         capacity: u32,
     ) -> Self {
         let layers = capacity.div_ceil(PAGES_A_LAYER);
-        let atlas = |label, format| {
+        let atlas = |label, format, side| {
             let texture = device.create_texture(&TextureDescriptor {
                 label: Some(label),
                 size: Extent3d {
-                    width: PAGES_ACROSS * TILE_STORED,
-                    height: PAGES_ACROSS * TILE_STORED,
+                    width: PAGES_ACROSS * side,
+                    height: PAGES_ACROSS * side,
                     depth_or_array_layers: layers,
                 },
                 mip_level_count: 1,
@@ -191,8 +194,18 @@ impl GpuTerrain {
             });
             (texture, view)
         };
-        let (heights, heights_view) = atlas("terrain_height_pages", TextureFormat::R16Uint);
-        let (gradients, gradients_view) = atlas("terrain_gradient_pages", TextureFormat::Rg16Float);
+        let (heights, heights_view) =
+            atlas("terrain_height_pages", TextureFormat::R16Uint, TILE_STORED);
+        let (gradients, gradients_view) = atlas(
+            "terrain_gradient_pages",
+            TextureFormat::Rg16Float,
+            TILE_STORED,
+        );
+        let (densities, densities_view) = atlas(
+            "terrain_density_pages",
+            TextureFormat::R8Uint,
+            DENSITY_TEXELS,
+        );
         let parameters = buffer(
             device,
             "terrain_material_parameters",
@@ -209,6 +222,8 @@ impl GpuTerrain {
             capacity,
             heights,
             heights_view,
+            densities,
+            densities_view,
             gradients,
             gradients_view,
             page_table: empty("terrain_page_table"),
@@ -244,41 +259,51 @@ impl GpuTerrain {
         scratch: &mut Vec<[f16; 2]>,
     ) {
         let place = upload.page % PAGES_A_LAYER;
-        let origin = Origin3d {
-            x: place % PAGES_ACROSS * TILE_STORED,
-            y: place / PAGES_ACROSS * TILE_STORED,
-            z: upload.page / PAGES_A_LAYER,
-        };
-        let size = Extent3d {
-            width: TILE_STORED,
-            height: TILE_STORED,
-            depth_or_array_layers: 1,
-        };
-        let write = |texture: &Texture, bytes: &[u8], texel_bytes: u32| {
+        let write = |texture: &Texture, bytes: &[u8], side: u32, texel_bytes: u32| {
             queue.write_texture(
                 TexelCopyTextureInfo {
                     texture,
                     mip_level: 0,
-                    origin,
+                    origin: Origin3d {
+                        x: place % PAGES_ACROSS * side,
+                        y: place / PAGES_ACROSS * side,
+                        z: upload.page / PAGES_A_LAYER,
+                    },
                     aspect: TextureAspect::All,
                 },
                 bytes,
                 TexelCopyBufferLayout {
                     offset: 0,
-                    bytes_per_row: Some(TILE_STORED * texel_bytes),
-                    rows_per_image: Some(TILE_STORED),
+                    bytes_per_row: Some(side * texel_bytes),
+                    rows_per_image: Some(side),
                 },
-                size,
+                Extent3d {
+                    width: side,
+                    height: side,
+                    depth_or_array_layers: 1,
+                },
             );
         };
         write(
             &self.heights,
             bytemuck::cast_slice(upload.heights.samples()),
+            TILE_STORED,
             2,
+        );
+        write(
+            &self.densities,
+            &upload.densities.own_texels(),
+            DENSITY_TEXELS,
+            1,
         );
         let scale = gradient_scale / (1_u32 << upload.address.level) as f32;
         tile_gradients(&upload.heights, scale, scratch);
-        write(&self.gradients, bytemuck::cast_slice(scratch), 4);
+        write(
+            &self.gradients,
+            bytemuck::cast_slice(scratch),
+            TILE_STORED,
+            4,
+        );
     }
 }
 
@@ -366,13 +391,14 @@ impl GpuTerrainMesh {
             self.factors = buffer(
                 device,
                 "terrain_face_factors",
-                self.face_room * 16,
+                self.face_room * size_of::<GpuFaceFactors>() as u64,
                 BufferUsages::STORAGE | BufferUsages::COPY_SRC,
             );
             replaced = true;
         }
-        // Four vertices a face: the least factor everywhere always fits.
-        let least = u32::try_from(4 * faces)
+        // The least factor everywhere always fits.
+        let (least, _) = extracted.partitioning.least_face();
+        let least = u32::try_from(u64::from(least) * faces)
             .unwrap_or(u32::MAX)
             .next_power_of_two();
         let room = extracted.max_vertices.max(least).min(largest_room(device));
@@ -443,6 +469,7 @@ impl GpuTerrainMesh {
                     terrain.page_table.as_entire_binding(),
                     terrain.field.as_entire_binding(),
                     &terrain.heights_view,
+                    &terrain.densities_view,
                 )),
             ),
             classify: group(

@@ -32,6 +32,9 @@ pub struct TerrainCamera {
     /// Edges are not cut shorter than this, in metres along the ground, above 0. `None` stands
     /// for the spacing of the finest samples, beyond which there is nothing to be seen.
     pub min_triangle_m: Option<f32>,
+    /// How far the density map counts, from 0 (not at all: triangles of one size everywhere) to 1
+    /// (in full: none where the map says that the ground is plain).
+    pub density: f32,
     /// How real factors become whole segments.
     pub partitioning: Partitioning,
     /// The most vertices that this camera's view may have, 1024 to 2²⁴. Where it wants more, all
@@ -47,6 +50,7 @@ impl Default for TerrainCamera {
             triangle_width_px: 8.0,
             max_factor: 64.0,
             min_triangle_m: None,
+            density: 1.0,
             partitioning: Partitioning::default(),
             max_vertices: 1 << 20,
         }
@@ -106,6 +110,7 @@ impl TerrainCamera {
             (1.0, 64.0),
             default.max_factor,
         );
+        let density = number("density", self.density, (0.0, 1.0), default.density);
         let min_triangle_m = self.min_triangle_m.and_then(|metres| {
             let checked = number(
                 "min_triangle_m",
@@ -142,6 +147,7 @@ impl TerrainCamera {
             triangle_width_px,
             max_factor,
             min_triangle_m,
+            density,
             partitioning: self.partitioning,
             max_vertices,
         }
@@ -162,6 +168,7 @@ mod tests {
             triangle_width_px: f32::NAN,
             max_factor: 65.0,
             min_triangle_m: Some(0.0),
+            density: 1.5,
             max_vertices: 0,
             ..default()
         };
@@ -172,6 +179,7 @@ mod tests {
             "triangle_width_px",
             "max_factor",
             "min_triangle_m",
+            "density",
             "max_vertices",
             "lod",
         ];

@@ -1,8 +1,28 @@
 //! One face: its vertices and its triangles, each computable alone from its number.
 
-use super::{Partitioning, segment_count, segment_parameter};
+use super::{Partitioning, scaled_factor, segment_count, segment_parameter};
 use crate::lattice::lerp;
 use glam::IVec2;
+
+/// Fixed-point factors of a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FaceFactors {
+    /// Of the edges, shared with the faces beside them.
+    pub edges: [u32; 4],
+    /// What the inside asks for itself, across and down; private to the face.
+    pub inside: [u32; 2],
+}
+
+impl FaceFactors {
+    /// All factors brought down by `2^-scale`, none below 1.
+    #[must_use]
+    pub fn scaled(&self, scale: u32) -> Self {
+        Self {
+            edges: self.edges.map(|factor| scaled_factor(factor, scale)),
+            inside: self.inside.map(|factor| scaled_factor(factor, scale)),
+        }
+    }
+}
 
 /// A face with its factors: everything that its vertices and triangles follow from.
 ///
@@ -12,8 +32,8 @@ use glam::IVec2;
 pub struct Face {
     /// Lattice points of the corners.
     pub corners: [IVec2; 4],
-    /// Fixed-point factors of the edges.
-    pub factors: [u32; 4],
+    /// Fixed-point factors.
+    pub factors: FaceFactors,
     /// How factors become segments.
     pub partitioning: Partitioning,
 }
@@ -50,24 +70,24 @@ impl FaceCounts {
 }
 
 impl Face {
-    /// The fixed-point factors inside: the larger of opposite edges, across and down.
+    /// The fixed-point factors inside, across and down: the largest of two opposite edges and of
+    /// what the inside asks for.
     #[must_use]
     pub fn inner_factors(&self) -> [u32; 2] {
-        let f = self.factors;
-        [f[0].max(f[2]), f[1].max(f[3])]
+        let FaceFactors { edges: f, inside } = self.factors;
+        [f[0].max(f[2]).max(inside[0]), f[1].max(f[3]).max(inside[1])]
     }
 
     /// How many segments, vertices and triangles the face has.
     #[must_use]
     pub fn counts(&self) -> FaceCounts {
-        let edge = self
-            .factors
-            .map(|f| segment_count(self.partitioning, f, false));
-        let inner = if edge == [1; 4] {
+        let count = |f, inner| segment_count(self.partitioning, f, inner);
+        let edge = self.factors.edges.map(|f| count(f, false));
+        let inner = self.inner_factors();
+        let inner = if edge == [1; 4] && inner.map(|f| count(f, false)) == [1; 2] {
             [0; 2]
         } else {
-            self.inner_factors()
-                .map(|f| segment_count(self.partitioning, f, true))
+            inner.map(|f| count(f, true))
         };
         FaceCounts { edge, inner }
     }
@@ -82,7 +102,7 @@ impl Face {
         } else {
             (b, a, count - i)
         };
-        let t = segment_parameter(self.partitioning, self.factors[e], count, i);
+        let t = segment_parameter(self.partitioning, self.factors.edges[e], count, i);
         lerp(low, high, t)
     }
 

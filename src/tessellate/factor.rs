@@ -1,6 +1,6 @@
 //! How finely an edge is cut: the projected size of the sphere around it.
 
-use super::{FACTOR_MAX, FACTOR_ONE};
+use super::{DENSITY_ONE, FACTOR_MAX, FACTOR_ONE};
 use glam::{IVec2, Vec2, Vec3};
 
 /// One end of an edge: its lattice point and the displaced height there.
@@ -32,17 +32,28 @@ pub struct FactorView {
     pub min_triangle_m: f32,
     /// The largest factor, at most 64.
     pub max_factor: f32,
+    /// How far densities count, 0 (not at all) to 1 (in full): a factor is scaled by
+    /// `1 - strength + strength * density`.
+    pub density_strength: f32,
+}
+
+/// An edge as the eye sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProjectedEdge {
+    /// Segments that the view wants, were the ground as rough as can be.
+    pub wanted: f32,
+    /// The most that it may have, by its length on the ground and the view's limit.
+    pub limit: f32,
 }
 
 impl FactorView {
-    /// The factor of the edge between `a` and `b`, in fixed point ([`FACTOR_ONE`]).
+    /// The edge between `a` and `b` as the eye sees it.
     ///
     /// The diameter of the sphere around the displaced edge, projected, over the triangle width
     /// (Cantlay 2011, figure 7: a projected edge would vanish at grazing views, a sphere doesn't).
-    /// Depends on the two ends alone, in canonical order. This is the one place where a float
-    /// decides topology, and it is rounded to fixed point here.
+    /// Depends on the two ends alone, in canonical order.
     #[must_use]
-    pub fn edge_factor(&self, a: EdgeEnd, b: EdgeEnd) -> u32 {
+    pub fn project(&self, a: EdgeEnd, b: EdgeEnd) -> ProjectedEdge {
         let (a, b) = if (a.point.x, a.point.y) <= (b.point.x, b.point.y) {
             (a, b)
         } else {
@@ -65,10 +76,21 @@ impl FactorView {
             0.0
         };
         let wanted = projected + diameter_m * self.segments_per_m;
-        let factor = wanted
-            .min(length_m / self.min_triangle_m)
-            .min(self.max_factor)
-            .max(1.0);
+        ProjectedEdge {
+            wanted,
+            limit: (length_m / self.min_triangle_m).min(self.max_factor),
+        }
+    }
+
+    /// The factor of an edge on ground with `density` (in units of
+    /// [`DENSITY_ONE`](super::DENSITY_ONE)), in fixed point ([`FACTOR_ONE`]).
+    ///
+    /// This is the one place where a float decides topology, and it is rounded to fixed point here.
+    #[must_use]
+    pub fn factor(&self, edge: ProjectedEdge, density: u32) -> u32 {
+        let density = density as f32 / DENSITY_ONE as f32;
+        let weight = 1.0 - self.density_strength * (1.0 - density);
+        let factor = (edge.wanted * weight).min(edge.limit).max(1.0);
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,

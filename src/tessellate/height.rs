@@ -1,26 +1,38 @@
 //! The one height function: tiles blended over two levels.
 
 use crate::lattice::{Lattice, ONE};
-use crate::tile::{HeightTile, TILE_SAMPLES, TileAddress};
+use crate::tile::{DensityTile, HeightTile, TILE_SAMPLES, TileAddress};
 use glam::IVec2;
+use std::collections::HashMap;
+use std::sync::Arc;
 
-/// Where stored heights come from: the twin of the GPU's pages.
-pub trait HeightSource {
+/// Where stored heights and densities come from: the twin of the GPU's pages.
+pub trait PageSource {
     /// The stored height of a tile at a sample counted from its first own one, `-2..=130`; `None`
     /// where the tile isn't there.
-    fn sample(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16>;
+    fn height(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16>;
+
+    /// The stored density of a tile at a texel counted from its first own one, `0..32`; `None`
+    /// where the tile isn't there.
+    fn density(&self, tile: TileAddress, x: i32, z: i32) -> Option<u8>;
 }
 
 /// Tiles by address.
 #[derive(Default)]
-pub struct HeightPages {
-    /// The tiles that are there.
-    pub tiles: std::collections::HashMap<TileAddress, std::sync::Arc<HeightTile>>,
+pub struct Pages {
+    /// The heights that are there.
+    pub heights: HashMap<TileAddress, Arc<HeightTile>>,
+    /// The densities that are there.
+    pub densities: HashMap<TileAddress, Arc<DensityTile>>,
 }
 
-impl HeightSource for HeightPages {
-    fn sample(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16> {
-        self.tiles.get(&tile).map(|tile| tile.get(x, z))
+impl PageSource for Pages {
+    fn height(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16> {
+        self.heights.get(&tile).map(|tile| tile.get(x, z))
+    }
+
+    fn density(&self, tile: TileAddress, x: i32, z: i32) -> Option<u8> {
+        self.densities.get(&tile).map(|tile| tile.get(x, z))
     }
 }
 
@@ -37,7 +49,7 @@ pub fn tile_at(lattice: &Lattice, p: IVec2, level: u32) -> TileAddress {
 
 /// Stored height at `p` read from one level, bilinear between samples.
 pub fn level_height(
-    source: &impl HeightSource,
+    source: &impl PageSource,
     lattice: &Lattice,
     p: IVec2,
     level: u32,
@@ -54,7 +66,7 @@ pub fn level_height(
     let local = sample - first;
     let at = |dx: i32, dz: i32| {
         source
-            .sample(tile, local.x + dx, local.y + dz)
+            .height(tile, local.x + dx, local.y + dz)
             .map(f32::from)
     };
     let (h00, h10, h01, h11) = (at(0, 0)?, at(1, 0)?, at(0, 1)?, at(1, 1)?);
@@ -66,7 +78,7 @@ pub fn level_height(
 /// Stored height at `p` read at level of detail `lambda` (16.16): level `⌊λ⌋` blended with the
 /// next. `None` where a tile isn't there; `λ` from
 /// [`ViewLod::lambda`](crate::lattice::ViewLod::lambda) never asks for such a one.
-pub fn height(source: &impl HeightSource, lattice: &Lattice, p: IVec2, lambda: i32) -> Option<f32> {
+pub fn height(source: &impl PageSource, lattice: &Lattice, p: IVec2, lambda: i32) -> Option<f32> {
     let level = (lambda >> 16).cast_unsigned();
     let blend = (lambda & (ONE - 1)) as f32 / ONE as f32;
     let fine = level_height(source, lattice, p, level)?;

@@ -1,9 +1,14 @@
 //! A whole view's mesh on the CPU.
 
 use super::height::height;
-use super::{EdgeEnd, FACTOR_SCALES, Face, FactorView, HeightSource, Partitioning, scaled_factor};
+use super::{
+    DensityReader, EdgeEnd, FACTOR_SCALES, Face, FaceFactors, FactorView, PageSource, Partitioning,
+};
 use crate::lattice::{Lattice, Node, ResidencyField, ViewLod};
 use glam::IVec2;
+
+/// The corners of a face, around it.
+const AROUND: [IVec2; 4] = [IVec2::ZERO, IVec2::X, IVec2::ONE, IVec2::Y];
 
 /// A vertex as the passes write it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,14 +28,14 @@ pub struct TerrainMesh {
     pub vertices: Vec<TerrainVertex>,
     /// Triangles, counter-clockwise seen from above.
     pub triangles: Vec<[u32; 3]>,
-    /// The four factors of every face before scaling, node by node.
-    pub factors: Vec<[u32; 4]>,
+    /// The factors of every face before scaling, node by node.
+    pub factors: Vec<FaceFactors>,
     /// Power of two by which all factors were brought down to fit the budget.
     pub scale: u32,
 }
 
 /// Everything that a view's mesh follows from.
-pub struct ViewMesh<'a, S: HeightSource> {
+pub struct ViewMesh<'a, S: PageSource> {
     /// The terrain's grid.
     pub lattice: &'a Lattice,
     /// The view's level of detail.
@@ -41,8 +46,8 @@ pub struct ViewMesh<'a, S: HeightSource> {
     pub factor_view: &'a FactorView,
     /// How factors become segments.
     pub partitioning: Partitioning,
-    /// Stored heights.
-    pub heights: &'a S,
+    /// Stored heights and densities.
+    pub pages: &'a S,
     /// Metres of a stored 0.
     pub height_min_m: f32,
     /// Metres a stored unit.
@@ -53,65 +58,88 @@ pub struct ViewMesh<'a, S: HeightSource> {
     pub max_triangles: u32,
 }
 
-impl<S: HeightSource> ViewMesh<'_, S> {
+impl<S: PageSource> ViewMesh<'_, S> {
     /// Height in metres and level of detail at `p`, as a node of `level` reads them.
     ///
     /// # Panics
-    /// Where the residency field promises a tile that `heights` doesn't hold.
+    /// Where the residency field promises a tile that `pages` doesn't hold.
     #[must_use]
     pub fn displaced(&self, p: IVec2, level: i32) -> (f32, i32) {
         let lambda = self.lod.lambda(self.lattice, self.field, p, level);
-        let stored = height(self.heights, self.lattice, p, lambda)
+        let stored = height(self.pages, self.lattice, p, lambda)
             .expect("the residency field never promises a tile that isn't there");
         (self.height_min_m + stored * self.height_step_m, lambda)
+    }
+
+    /// Column and row of face `face` in its node.
+    fn place(&self, face: u32) -> IVec2 {
+        let side = 1 << self.lattice.faces_log2;
+        IVec2::new(face.cast_signed() % side, face.cast_signed() / side)
     }
 
     /// The corners of face `face` of `node`, around it.
     #[must_use]
     pub fn corners(&self, node: &Node, face: u32) -> [IVec2; 4] {
-        let side = 1 << self.lattice.faces_log2;
-        let ij = IVec2::new(face.cast_signed() % side, face.cast_signed() / side);
-        [IVec2::ZERO, IVec2::X, IVec2::ONE, IVec2::Y].map(|corner| {
+        let ij = self.place(face);
+        AROUND.map(|corner| {
             self.lattice
                 .control_vertex(self.lod, node.level, node.origin, ij + corner)
         })
     }
 
-    /// `classify`: the factors of the edges of a face with `corners`.
+    /// `classify`: the factors of face `face` of `node`.
     #[must_use]
-    pub fn classify(&self, node: &Node, corners: &[IVec2; 4]) -> [u32; 4] {
-        let ends = corners.map(|point| EdgeEnd {
+    pub fn classify(&self, node: &Node, face: u32) -> FaceFactors {
+        let ends = self.corners(node, face).map(|point| EdgeEnd {
             point,
             height_m: self.displaced(point, node.level).0,
         });
-        std::array::from_fn(|e| self.factor_view.edge_factor(ends[e], ends[(e + 1) % 4]))
+        let reader = DensityReader {
+            lattice: self.lattice,
+            lod: self.lod,
+            field: self.field,
+            source: self.pages,
+        };
+        let ij = self.place(face);
+        let view = self.factor_view;
+        let edges = [0, 1, 2, 3].map(|e| view.project(ends[e], ends[(e + 1) % 4]));
+        let inside = reader.face_density(node.level, node.origin, ij);
+        let inside = edges.map(|edge| view.factor(edge, inside));
+        FaceFactors {
+            edges: std::array::from_fn(|e| {
+                let (a, b) = (ij + AROUND[e], ij + AROUND[(e + 1) % 4]);
+                let density = reader.edge_density(node.level, node.origin, a, b);
+                view.factor(edges[e], density)
+            }),
+            inside: [inside[0].max(inside[2]), inside[1].max(inside[3])],
+        }
     }
 
     /// Runs all passes over `nodes`: classify, setup, vertices, indices.
     #[must_use]
     pub fn build(&self, nodes: &[Node]) -> TerrainMesh {
         let faces_a_node = 1 << (2 * self.lattice.faces_log2);
-        let faces: Vec<(Node, [IVec2; 4])> = nodes
+        let faces: Vec<(Node, u32)> = nodes
             .iter()
-            .flat_map(|node| (0..faces_a_node).map(|face| (*node, self.corners(node, face))))
+            .flat_map(|node| (0..faces_a_node).map(|face| (*node, face)))
             .collect();
-        let factors: Vec<[u32; 4]> = faces
+        let factors: Vec<FaceFactors> = faces
             .iter()
-            .map(|(node, corners)| self.classify(node, corners))
+            .map(|(node, face)| self.classify(node, *face))
             .collect();
         self.build_with(&faces, factors)
     }
 
     /// Setup, vertices and indices for given factors: what tests hand the GPU's factors to.
     #[must_use]
-    pub fn build_with(&self, faces: &[(Node, [IVec2; 4])], factors: Vec<[u32; 4]>) -> TerrainMesh {
-        let scale = self.setup(faces, &factors);
+    pub fn build_with(&self, faces: &[(Node, u32)], factors: Vec<FaceFactors>) -> TerrainMesh {
+        let scale = self.setup(&factors);
         let mut mesh = TerrainMesh {
             scale,
             ..Default::default()
         };
-        for ((node, corners), factors) in faces.iter().zip(&factors) {
-            let face = self.face(corners, factors, scale);
+        for ((node, face), factors) in faces.iter().zip(&factors) {
+            let face = self.face(self.corners(node, *face), factors, scale);
             let counts = face.counts();
             #[expect(clippy::cast_possible_truncation, reason = "bounded by max_vertices")]
             let first = mesh.vertices.len() as u32;
@@ -136,13 +164,13 @@ impl<S: HeightSource> ViewMesh<'_, S> {
     /// `setup`: the least scale at which everything fits. The whole view shares it, because edges
     /// must go on agreeing.
     #[must_use]
-    pub fn setup(&self, faces: &[(Node, [IVec2; 4])], factors: &[[u32; 4]]) -> u32 {
+    pub fn setup(&self, factors: &[FaceFactors]) -> u32 {
         let last = FACTOR_SCALES as u32 - 1;
         (0..last)
             .find(|&scale| {
                 let (mut vertices, mut triangles) = (0_u64, 0_u64);
-                for ((_, corners), factors) in faces.iter().zip(factors) {
-                    let counts = self.face(corners, factors, scale).counts();
+                for factors in factors {
+                    let counts = self.face([IVec2::ZERO; 4], factors, scale).counts();
                     vertices += u64::from(counts.vertices());
                     triangles += u64::from(counts.triangles());
                 }
@@ -152,10 +180,10 @@ impl<S: HeightSource> ViewMesh<'_, S> {
             .unwrap_or(last)
     }
 
-    fn face(&self, corners: &[IVec2; 4], factors: &[u32; 4], scale: u32) -> Face {
+    fn face(&self, corners: [IVec2; 4], factors: &FaceFactors, scale: u32) -> Face {
         Face {
-            corners: *corners,
-            factors: factors.map(|factor| scaled_factor(factor, scale)),
+            corners,
+            factors: factors.scaled(scale),
             partitioning: self.partitioning,
         }
     }

@@ -5,19 +5,22 @@
 //! serves where there is no GPU: collision meshes, export, servers.
 //!
 //! A *face* is a square of a node's control grid. Its four edges get a factor each, from their
-//! end points alone; its inside is a grid as fine as the finer of two opposite edges, joined to
-//! the edges by strips. So two faces that share an edge cut it at the same lattice points,
+//! ends alone: the size that the edge has on the screen, scaled by the density of the ground around
+//! it. Its inside is a grid as fine as the finer of two opposite edges, or finer where its own ground
+//! deserves it, joined to the edges by strips. So two faces that share an edge cut it at the same lattice points,
 //! whatever their levels.
 
+mod edge_density;
 mod face;
 mod factor;
 mod height;
 mod mesh;
 mod partition;
 
-pub use face::{Face, FaceCounts};
-pub use factor::{EdgeEnd, FactorView};
-pub use height::{HeightPages, HeightSource};
+pub use edge_density::{DENSITY_ONE, DensityReader};
+pub use face::{Face, FaceCounts, FaceFactors};
+pub use factor::{EdgeEnd, FactorView, ProjectedEdge};
+pub use height::{PageSource, Pages};
 pub use mesh::{TerrainMesh, TerrainVertex, ViewMesh};
 pub use partition::{
     FACTOR_LOG2, FACTOR_MAX, FACTOR_ONE, Partitioning, scaled_factor, segment_count,

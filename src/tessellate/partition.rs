@@ -22,6 +22,36 @@ pub enum Partitioning {
     Integer = 1,
     /// The factor rounded up to a power of two; every vertex stays when the factor doubles.
     PowerOfTwo = 2,
+    /// An even number of segments, at least 2, two of which grow from nothing: vertices slide, none
+    /// pops.
+    FractionalEven = 3,
+}
+
+impl Partitioning {
+    /// All ways.
+    pub const ALL: [Self; 4] = [
+        Self::FractionalOdd,
+        Self::FractionalEven,
+        Self::Integer,
+        Self::PowerOfTwo,
+    ];
+
+    /// The least factor that it can do.
+    const fn least(self) -> u32 {
+        match self {
+            Self::FractionalEven => 2 * FACTOR_ONE,
+            _ => FACTOR_ONE,
+        }
+    }
+
+    /// Vertices and triangles of a face with the least factors.
+    #[must_use]
+    pub const fn least_face(self) -> (u32, u32) {
+        match self {
+            Self::FractionalEven => (9, 8),
+            _ => (4, 2),
+        }
+    }
 }
 
 /// `factor` times `2^-scale`, not below 1.
@@ -34,7 +64,9 @@ pub fn scaled_factor(factor: u32, scale: u32) -> u32 {
 /// the limit of 1 + ε, so that nothing pops when it grows.
 #[must_use]
 pub fn segment_count(partitioning: Partitioning, factor: u32, inner: bool) -> u32 {
+    let factor = factor.max(partitioning.least());
     match partitioning {
+        Partitioning::FractionalEven => 2 * factor.div_ceil(2 * FACTOR_ONE),
         Partitioning::FractionalOdd => {
             let pairs = (factor - FACTOR_ONE).div_ceil(2 * FACTOR_ONE);
             let count = 2 * pairs + 1;
@@ -54,7 +86,7 @@ pub fn segment_count(partitioning: Partitioning, factor: u32, inner: bool) -> u3
 /// Where along an edge of `count` segments cut `i` lies, `0..=ONE`; symmetric about the middle,
 /// so both directions give the same points.
 ///
-/// Fractional odd: `count - 2` segments of length `1 / factor` and a shorter one at either end.
+/// Fractional: `count - 2` segments of length `1 / factor` and a shorter one at either end.
 #[must_use]
 pub fn segment_parameter(partitioning: Partitioning, factor: u32, count: u32, i: u32) -> i32 {
     if i == 0 {
@@ -64,10 +96,11 @@ pub fn segment_parameter(partitioning: Partitioning, factor: u32, count: u32, i:
         return ONE;
     }
     // Mirror the second half, or rounding would break the symmetry.
+    let factor = factor.max(partitioning.least());
     let mirrored = 2 * i > count;
     let i = if mirrored { count - i } else { i };
     let t = match partitioning {
-        Partitioning::FractionalOdd => {
+        Partitioning::FractionalOdd | Partitioning::FractionalEven => {
             let missing = (count << FACTOR_LOG2) - factor;
             // Length of the end segment, in half units of the factor's fixed point.
             let short = 2 * FACTOR_ONE - missing;
@@ -84,16 +117,10 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const ALL: [Partitioning; 3] = [
-        Partitioning::FractionalOdd,
-        Partitioning::Integer,
-        Partitioning::PowerOfTwo,
-    ];
-
     proptest! {
         #[test]
-        fn cuts_rise_and_are_symmetric(factor in FACTOR_ONE..=FACTOR_MAX, inner: bool, kind in 0_usize..3) {
-            let kind = ALL[kind];
+        fn cuts_rise_and_are_symmetric(factor in FACTOR_ONE..=FACTOR_MAX, inner: bool, kind in 0_usize..4) {
+            let kind = Partitioning::ALL[kind];
             let count = segment_count(kind, factor, inner);
             let cuts: Vec<i32> = (0..=count)
                 .map(|i| segment_parameter(kind, factor, count, i))
@@ -107,9 +134,14 @@ mod tests {
         }
 
         #[test]
-        fn fractional_odd_moves_no_further_than_its_factor(factor in FACTOR_ONE..FACTOR_MAX) {
+        fn fractional_cuts_move_no_further_than_their_factor(
+            factor in FACTOR_ONE..FACTOR_MAX,
+            kind in prop_oneof![
+                Just(Partitioning::FractionalOdd),
+                Just(Partitioning::FractionalEven),
+            ],
+        ) {
             // Where the count stays, a step of the factor moves a vertex by a small step too.
-            let kind = Partitioning::FractionalOdd;
             let count = segment_count(kind, factor, true);
             if count == segment_count(kind, factor + 1, true) {
                 for i in 0..=count {
@@ -121,16 +153,53 @@ mod tests {
         }
     }
 
+    /// Where two segments come in, they have no length yet and all other cuts stay.
     #[test]
-    fn fractional_odd_is_continuous_where_the_count_changes() {
-        for count in (1..64).step_by(2) {
-            let factor = count << FACTOR_LOG2;
-            let before = segment_count(Partitioning::FractionalOdd, factor, false);
-            let after = segment_count(Partitioning::FractionalOdd, factor + 1, false);
-            assert_eq!((before, after), (count, count + 2));
-            // The two new segments have no length yet.
-            let first = segment_parameter(Partitioning::FractionalOdd, factor + 1, after, 1);
-            assert!(first <= ONE / 1024, "{count}: first cut at {first}");
+    fn fractional_cuts_are_continuous_where_the_count_changes() {
+        for (kind, first) in [
+            (Partitioning::FractionalOdd, 1),
+            (Partitioning::FractionalEven, 2),
+        ] {
+            for count in (first..64).step_by(2) {
+                let factor = count << FACTOR_LOG2;
+                let before = segment_count(kind, factor, false);
+                let after = segment_count(kind, factor + 1, false);
+                assert_eq!((before, after), (count, count + 2));
+                for i in 0..=count {
+                    let was = segment_parameter(kind, factor, before, i);
+                    let is = segment_parameter(kind, factor + 1, after, i + 1);
+                    assert!(
+                        (was - is).abs() <= ONE / 1024,
+                        "{count}: cut {i} from {was} to {is}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn fractional_even_never_falls_below_two() {
+        for factor in [FACTOR_ONE, FACTOR_ONE + 1, 2 * FACTOR_ONE] {
+            assert_eq!(
+                segment_count(Partitioning::FractionalEven, factor, false),
+                2
+            );
+            assert_eq!(
+                segment_parameter(Partitioning::FractionalEven, factor, 2, 1),
+                ONE / 2
+            );
+        }
+    }
+
+    #[test]
+    fn whole_partitionings_round_up() {
+        for (factor, integer, power) in [(1024, 1, 1), (1025, 2, 2), (2049, 3, 4), (5 * 1024, 5, 8)]
+        {
+            assert_eq!(segment_count(Partitioning::Integer, factor, false), integer);
+            assert_eq!(
+                segment_count(Partitioning::PowerOfTwo, factor, false),
+                power
+            );
         }
     }
 }

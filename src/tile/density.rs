@@ -1,8 +1,11 @@
 //! Densities of one tile.
 
-use super::{DENSITY_BORDER, DENSITY_STORED, TileAddress, TileFormatError, TileKind, format};
+use super::{
+    DENSITY_BORDER, DENSITY_STORED, DENSITY_TEXELS, TileAddress, TileFormatError, TileKind, format,
+};
 
 const SIDE: usize = DENSITY_STORED as usize;
+const OWN: usize = DENSITY_TEXELS as usize;
 const BORDER: i32 = DENSITY_BORDER as i32;
 
 /// The densities of one tile with their border: 35 × 35 `u8`, row by row.
@@ -34,6 +37,17 @@ impl DensityTile {
     #[must_use]
     pub fn samples_mut(&mut self) -> &mut [u8] {
         &mut self.texels
+    }
+
+    /// The tile's own 32 × 32 texels, row by row, without the border.
+    #[must_use]
+    pub fn own_texels(&self) -> [u8; OWN * OWN] {
+        let mut own = [0; OWN * OWN];
+        for (z, row) in own.chunks_exact_mut(OWN).enumerate() {
+            let first = (z + DENSITY_BORDER as usize) * SIDE + DENSITY_BORDER as usize;
+            row.copy_from_slice(&self.texels[first..first + OWN]);
+        }
+        own
     }
 
     /// The texel in column `x` and row `z`, counted from the tile's first own texel: own texels

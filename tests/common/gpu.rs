@@ -11,13 +11,13 @@ use bevy_tessera::bake::import::{self, ImportSettings};
 use bevy_tessera::bake::{BakeSettings, bake};
 use bevy_tessera::lattice::{Node, ResidencyField, ViewLod};
 use bevy_tessera::render::{
-    GpuTerrainDrawArgs, GpuTerrainMeshes, GpuTerrainVertex, TerrainNodes, TerrainRenderSystems,
-    factor_view,
+    GpuFaceFactors, GpuTerrainDrawArgs, GpuTerrainMeshes, GpuTerrainVertex, TerrainNodes,
+    TerrainRenderSystems, factor_view,
 };
-use bevy_tessera::stream::{TerrainState, TerrainTiles, TileHeights};
+use bevy_tessera::stream::{TerrainState, TerrainTiles, TileDensities, TileHeights};
 use bevy_tessera::terrain::{Terrain, TerrainCamera, TerrainSettings};
-use bevy_tessera::tessellate::{FactorView, HeightPages, TerrainVertex, ViewMesh};
-use bevy_tessera::tile::{HeightTile, TileAddress};
+use bevy_tessera::tessellate::{FaceFactors, FactorView, Pages, TerrainVertex, ViewMesh};
+use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress};
 use bevy_tessera::view::TerrainViews;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -64,12 +64,12 @@ pub struct ReadBack {
     pub args: GpuTerrainDrawArgs,
     pub vertices: Vec<TerrainVertex>,
     pub triangles: Vec<[u32; 3]>,
-    pub factors: Vec<[u32; 4]>,
+    pub factors: Vec<FaceFactors>,
     pub nodes: Vec<Node>,
     pub lod: ViewLod,
     pub field: ResidencyField,
     pub factor_view: FactorView,
-    pub heights: HeightPages,
+    pub pages: Pages,
     pub settings: TerrainCamera,
     pub height_min_m: f32,
     pub height_step_m: f32,
@@ -167,13 +167,19 @@ impl Kernels {
             .expect("the camera sees the terrain");
         let camera = world.get::<Camera>(self.camera).unwrap();
         let file = &state.manifest().file;
-        let mut heights = HeightPages::default();
-        let tiles = world.resource::<Assets<HeightTile>>();
+        let mut pages = Pages::default();
+        let heights = world.resource::<Assets<HeightTile>>();
+        let densities = world.resource::<Assets<DensityTile>>();
         for tile in world.get::<TerrainTiles>(self.terrain).unwrap().iter() {
             let address = *world.get::<TileAddress>(tile).unwrap();
-            let handle = world.get::<TileHeights>(tile).unwrap();
-            let tile = tiles.get(&handle.0).unwrap().clone();
-            heights.tiles.insert(address, Arc::new(tile));
+            let height = heights.get(&world.get::<TileHeights>(tile).unwrap().0);
+            pages
+                .heights
+                .insert(address, Arc::new(height.unwrap().clone()));
+            let density = densities.get(&world.get::<TileDensities>(tile).unwrap().0);
+            pages
+                .densities
+                .insert(address, Arc::new(density.unwrap().clone()));
         }
         let nodes = world.get::<TerrainNodes>(self.camera).unwrap().nodes[&self.terrain].clone();
 
@@ -196,12 +202,15 @@ impl Kernels {
             args,
             vertices,
             triangles: read(render, mesh.indices(), args.triangles as usize),
-            factors: read(render, mesh.factors(), faces),
+            factors: read::<GpuFaceFactors>(render, mesh.factors(), faces)
+                .into_iter()
+                .map(FaceFactors::from)
+                .collect(),
             nodes,
             lod: view.lod,
             field: state.field().clone(),
             factor_view: factor_view(camera, &settings, &view, state).unwrap(),
-            heights,
+            pages,
             settings,
             height_min_m: file.height_min_m as f32,
             height_step_m: file.height_step_m as f32,
@@ -211,14 +220,14 @@ impl Kernels {
 
 impl ReadBack {
     /// The twin of the view that was drawn.
-    pub fn twin<'a>(&'a self, state: &'a TerrainState) -> ViewMesh<'a, HeightPages> {
+    pub fn twin<'a>(&'a self, state: &'a TerrainState) -> ViewMesh<'a, Pages> {
         ViewMesh {
             lattice: state.lattice(),
             lod: &self.lod,
             field: &self.field,
             factor_view: &self.factor_view,
             partitioning: self.settings.partitioning,
-            heights: &self.heights,
+            pages: &self.pages,
             height_min_m: self.height_min_m,
             height_step_m: self.height_step_m,
             max_vertices: self.settings.max_vertices,

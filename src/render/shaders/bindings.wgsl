@@ -8,6 +8,7 @@
 @group(0) @binding(2) var<storage, read> page_table: array<u32>;
 @group(0) @binding(3) var<storage, read> residency_field: array<u32>;
 @group(0) @binding(4) var height_pages: texture_2d_array<u32>;
+@group(0) @binding(5) var density_pages: texture_2d_array<u32>;
 
 // Group 1: what the passes hand on; each pass binds the part that it uses.
 @group(1) @binding(0) var<storage, read_write> classified_factors: array<vec4<u32>>;

@@ -1,19 +1,22 @@
 // Pass 1: one workgroup a node; each face gets the factors of its edges, and each node its counts
 // of vertices and triangles at every scale that the view may have to be brought down to.
 
-#import bevy_tessera::types::{FACTOR_ONE, FACTOR_MAX, FACTOR_SCALES}
+#import bevy_tessera::types::{DENSITY_ONE, FACTOR_ONE, FACTOR_MAX, FACTOR_SCALES}
 #import bevy_tessera::bindings::{terrain_view, nodes, classified_factors, classified_totals}
 #import bevy_tessera::lattice::lambda_at
 #import bevy_tessera::height::height_m
+#import bevy_tessera::edge_density::{edge_density, face_density}
 #import bevy_tessera::face::{
-    face_corners, face_counts, face_vertices, face_triangles, scaled_factors, point_before,
+    FaceFactors, face_corners, face_counts, face_vertices, face_triangles, pack_factors,
+    point_before, scaled_factors,
 }
 
 var<workgroup> vertex_totals: array<atomic<u32>, 7>;
 var<workgroup> triangle_totals: array<atomic<u32>, 7>;
 
-// The one place where a float decides topology; rounded to fixed point at once.
-fn edge_factor(a: vec2<i32>, a_height_m: f32, b: vec2<i32>, b_height_m: f32) -> u32 {
+// An edge as the eye sees it: segments that the view wants, were the ground as rough as can be, and
+// the most that it may have.
+fn project_edge(a: vec2<i32>, a_height_m: f32, b: vec2<i32>, b_height_m: f32) -> vec2<f32> {
     let span = vec2<f32>(b - a) * terrain_view.unit_m;
     let length_m = length(span);
     let rise_m = b_height_m - a_height_m;
@@ -27,10 +30,13 @@ fn edge_factor(a: vec2<i32>, a_height_m: f32, b: vec2<i32>, b_height_m: f32) -> 
         projected = diameter_m * terrain_view.segments_per_radian / distance_m;
     }
     let wanted = projected + diameter_m * terrain_view.segments_per_m;
-    let factor = max(
-        min(min(wanted, length_m / terrain_view.min_triangle_m), terrain_view.max_factor),
-        1.0,
-    );
+    return vec2(wanted, min(length_m / terrain_view.min_triangle_m, terrain_view.max_factor));
+}
+
+// The one place where a float decides topology; rounded to fixed point at once.
+fn edge_factor(edge: vec2<f32>, density: u32) -> u32 {
+    let weight = 1.0 - terrain_view.density_strength * (1.0 - f32(density) / DENSITY_ONE);
+    let factor = max(min(edge.x * weight, edge.y), 1.0);
     return clamp(u32(factor * f32(FACTOR_ONE) + 0.5), FACTOR_ONE, FACTOR_MAX);
 }
 
@@ -56,15 +62,24 @@ fn classify(
             for (var k = 0u; k < 4u; k++) {
                 heights[k] = height_m(corners[k], lambda_at(corners[k], node.level));
             }
-            var factors: vec4<u32>;
+            let side = 1u << terrain_view.faces_shift;
+            let ij = vec2<i32>(vec2(face % side, face / side));
+            var around = array(vec2(0, 0), vec2(1, 0), vec2(1, 1), vec2(0, 1));
+            let inside = face_density(node.level, node.origin, ij);
+            var factors: FaceFactors;
+            var insides: vec4<u32>;
             for (var e = 0u; e < 4u; e++) {
                 let next = (e + 1u) % 4u;
                 let forward = point_before(corners[e], corners[next]);
                 let a = select(next, e, forward);
                 let b = select(e, next, forward);
-                factors[e] = edge_factor(corners[a], heights[a], corners[b], heights[b]);
+                let edge = project_edge(corners[a], heights[a], corners[b], heights[b]);
+                let density = edge_density(node.level, node.origin, ij + around[e], ij + around[next]);
+                factors.edges[e] = edge_factor(edge, density);
+                insides[e] = edge_factor(edge, inside);
             }
-            classified_factors[node_index * faces + face] = factors;
+            factors.inside = max(insides.xy, insides.zw);
+            classified_factors[node_index * faces + face] = pack_factors(factors);
             for (var s = 0u; s < FACTOR_SCALES; s++) {
                 let counts = face_counts(scaled_factors(factors, s));
                 atomicAdd(&vertex_totals[s], face_vertices(counts));

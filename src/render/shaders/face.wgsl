@@ -4,8 +4,8 @@
 // computable alone from its number.
 
 #import bevy_tessera::types::{
-    ONE, FACTOR_SHIFT, FACTOR_ONE, TerrainNode,
-    PARTITIONING_FRACTIONAL_ODD, PARTITIONING_INTEGER, PARTITIONING_POWER_OF_TWO,
+    ONE, FACTOR_SHIFT, FACTOR_ONE, TerrainNode, PARTITIONING_INTEGER, PARTITIONING_POWER_OF_TWO,
+    PARTITIONING_FRACTIONAL_EVEN,
 }
 #import bevy_tessera::bindings::terrain_view
 #import bevy_tessera::lattice::{control_vertex, lerp_point}
@@ -21,12 +21,47 @@ struct FaceCounts {
     inner: vec2<u32>,
 }
 
-fn scaled_factors(factors: vec4<u32>, factor_scale: u32) -> vec4<u32> {
-    return max(factors >> vec4(factor_scale), vec4(FACTOR_ONE));
+// Fixed-point factors: of the edges, and what the inside asks for itself.
+struct FaceFactors {
+    edges: vec4<u32>,
+    inside: vec2<u32>,
 }
 
-fn segment_count(factor: u32, inner: bool) -> u32 {
+// A factor less one unit fits 16 bits.
+fn pack_factors(factors: FaceFactors) -> vec4<u32> {
+    let e = factors.edges - 1u;
+    let i = factors.inside - 1u;
+    return vec4(e.x | (e.y << 16u), e.z | (e.w << 16u), i.x | (i.y << 16u), 0u);
+}
+
+fn unpack_factors(packed: vec4<u32>) -> FaceFactors {
+    let low = (packed & vec4(0xffffu)) + 1u;
+    let high = (packed >> vec4(16u)) + 1u;
+    return FaceFactors(vec4(low.x, high.x, low.y, high.y), vec2(low.z, high.z));
+}
+
+fn scaled_factors(factors: FaceFactors, factor_scale: u32) -> FaceFactors {
+    return FaceFactors(
+        max(factors.edges >> vec4(factor_scale), vec4(FACTOR_ONE)),
+        max(factors.inside >> vec2(factor_scale), vec2(FACTOR_ONE)),
+    );
+}
+
+// The least factor that the partitioning can do.
+fn least_factor() -> u32 {
+    return select(
+        FACTOR_ONE,
+        2u * FACTOR_ONE,
+        terrain_view.partitioning == PARTITIONING_FRACTIONAL_EVEN,
+    );
+}
+
+fn segment_count(wanted: u32, inner: bool) -> u32 {
+    let factor = max(wanted, least_factor());
     switch terrain_view.partitioning {
+        case PARTITIONING_FRACTIONAL_EVEN: {
+            return 2u * ((factor + 2u * FACTOR_ONE - 1u) / (2u * FACTOR_ONE));
+        }
         case PARTITIONING_INTEGER: {
             let count = (factor + FACTOR_ONE - 1u) / FACTOR_ONE;
             return select(count, max(count, 2u), inner);
@@ -45,22 +80,24 @@ fn segment_count(factor: u32, inner: bool) -> u32 {
     }
 }
 
-fn segment_parameter(factor: u32, count: u32, index: u32) -> i32 {
+fn segment_parameter(wanted: u32, count: u32, index: u32) -> i32 {
     if index == 0u {
         return 0;
     }
     if index == count {
         return ONE;
     }
+    let factor = max(wanted, least_factor());
     let mirrored = 2u * index > count;
     let i = select(index, count - index, mirrored);
     var t: u32;
-    if terrain_view.partitioning == PARTITIONING_FRACTIONAL_ODD {
+    if terrain_view.partitioning == PARTITIONING_INTEGER
+        || terrain_view.partitioning == PARTITIONING_POWER_OF_TWO {
+        t = (i << 16u) / count;
+    } else {
         let missing = (count << FACTOR_SHIFT) - factor;
         let short = 2u * FACTOR_ONE - missing;
         t = ((short + (i - 1u) * 2u * FACTOR_ONE) << 15u) / factor;
-    } else {
-        t = (i << 16u) / count;
     }
     return select(i32(t), ONE - i32(t), mirrored);
 }
@@ -77,19 +114,19 @@ fn face_corners(node: TerrainNode, index: u32) -> array<vec2<i32>, 4> {
     return corners;
 }
 
-fn inner_factors(factors: vec4<u32>) -> vec2<u32> {
-    return max(factors.xy, factors.zw);
+fn inner_factors(factors: FaceFactors) -> vec2<u32> {
+    return max(max(factors.edges.xy, factors.edges.zw), factors.inside);
 }
 
-fn face_counts(factors: vec4<u32>) -> FaceCounts {
+fn face_counts(factors: FaceFactors) -> FaceCounts {
     var counts: FaceCounts;
-    var whole = true;
+    let inner = inner_factors(factors);
+    var whole = segment_count(inner.x, false) == 1u && segment_count(inner.y, false) == 1u;
     for (var e = 0u; e < 4u; e++) {
-        counts.edge[e] = segment_count(factors[e], false);
+        counts.edge[e] = segment_count(factors.edges[e], false);
         whole = whole && counts.edge[e] == 1u;
     }
     if !whole {
-        let inner = inner_factors(factors);
         counts.inner = vec2(segment_count(inner.x, true), segment_count(inner.y, true));
     }
     return counts;
@@ -120,7 +157,7 @@ fn point_before(a: vec2<i32>, b: vec2<i32>) -> bool {
 
 fn face_vertex(
     corners_in: array<vec2<i32>, 4>,
-    factors: vec4<u32>,
+    factors: FaceFactors,
     counts_in: FaceCounts,
     index: u32,
 ) -> vec2<i32> {
@@ -140,7 +177,7 @@ fn face_vertex(
             let low = select(b, a, forward);
             let high = select(a, b, forward);
             let cut = select(count - rest, rest, forward);
-            return lerp_point(low, high, segment_parameter(factors[e], count, cut));
+            return lerp_point(low, high, segment_parameter(factors.edges[e], count, cut));
         }
         rest -= count;
     }

@@ -3,7 +3,7 @@
 #import bevy_tessera::bindings::{
     terrain_view, face_factors, node_offsets, draw_args, mesh_indices,
 }
-#import bevy_tessera::face::{face_counts, face_triangle, scaled_factors}
+#import bevy_tessera::face::{face_counts, face_triangle, scaled_factors, unpack_factors}
 #import bevy_tessera::scan::{LANES, face_places, faces_a_node, scan_faces, face_at}
 
 @compute @workgroup_size(256)
@@ -25,7 +25,7 @@ fn indices(
     ) {
         let face = face_at(place, 1u);
         let factors = scaled_factors(
-            face_factors[node_index * faces_a_node() + face],
+            unpack_factors(face_factors[node_index * faces_a_node() + face]),
             draw_args.scale,
         );
         let counts = face_counts(factors);

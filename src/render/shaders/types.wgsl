@@ -25,6 +25,11 @@ const NO_PAGE: u32 = 0xffffffffu;
 const PARTITIONING_FRACTIONAL_ODD: u32 = 0u;
 const PARTITIONING_INTEGER: u32 = 1u;
 const PARTITIONING_POWER_OF_TWO: u32 = 2u;
+const PARTITIONING_FRACTIONAL_EVEN: u32 = 3u;
+// Density texels along a tile's side.
+const DENSITY_TEXELS: i32 = 32;
+// The density of ground that deserves all triangles, in 8.16 fixed point.
+const DENSITY_ONE: f32 = 16711680.0;
 
 // Density filters.
 const DENSITY_SECOND_ORDER: u32 = 0u;
@@ -61,7 +66,7 @@ struct TerrainView {
     max_vertices: u32,
     field_cells: vec2<u32>,
     max_triangles: u32,
-    unused: u32,
+    density_strength: f32,
     // x: where the level begins to morph; y: its zone's length as a power of two.
     geometry: array<vec4<i32>, 24>,
     // x: the level's first entry in the page table; y, z: tiles across and down.

@@ -6,7 +6,7 @@
 }
 #import bevy_tessera::lattice::lambda_at
 #import bevy_tessera::height::height_m
-#import bevy_tessera::face::{face_corners, face_counts, face_vertex, scaled_factors}
+#import bevy_tessera::face::{face_corners, face_counts, face_vertex, scaled_factors, unpack_factors}
 #import bevy_tessera::scan::{LANES, face_places, faces_a_node, scan_faces, face_at}
 
 @compute @workgroup_size(256)
@@ -30,7 +30,7 @@ fn vertices(
     ) {
         let face = face_at(place, 0u);
         let factors = scaled_factors(
-            face_factors[node_index * faces_a_node() + face],
+            unpack_factors(face_factors[node_index * faces_a_node() + face]),
             draw_args.scale,
         );
         let counts = face_counts(factors);

@@ -1,0 +1,150 @@
+//! How finely ground deserves to be cut: the density of an edge and of a face's inside.
+//!
+//! Densities scale edge factors, and so whatever is read here decides topology: all of it is
+//! integers. An edge reads the largest density of the square of its length around its middle, which
+//! covers half of both faces beside it. The square is that of the edge on its level's *grid*, where
+//! it lies on whole texels; while the level morphs it is blended with that of the edge of the coarser
+//! grid that it turns into. Squares around the moving ends would step over texels while the eye
+//! moves, and factors would jump.
+
+use super::height::{PageSource, tile_at};
+use crate::lattice::{Lattice, ONE, ResidencyField, ViewLod};
+use crate::tile::{DENSITY_CELL, DENSITY_TEXELS};
+use glam::IVec2;
+
+/// The density of ground that deserves all triangles that the settings allow, in the unit of
+/// [`DensityReader`]: 255 in 8.16 fixed point.
+pub const DENSITY_ONE: u32 = 255 << 16;
+
+/// Lattice units along the side of a density texel of `level`, as a power of two.
+fn texel_log2(lattice: &Lattice, level: u32) -> u32 {
+    lattice.unit_log2 + DENSITY_CELL.ilog2() + level
+}
+
+/// The stored density at `p`, of one level.
+fn level_density(source: &impl PageSource, lattice: &Lattice, p: IVec2, level: u32) -> u32 {
+    let tile = tile_at(lattice, p, level);
+    let texel = p >> IVec2::splat(texel_log2(lattice, level).cast_signed());
+    let first =
+        IVec2::new(tile.x.cast_signed(), tile.z.cast_signed()) * DENSITY_TEXELS.cast_signed();
+    let local = (texel - first).min(IVec2::splat(DENSITY_TEXELS.cast_signed() - 1));
+    source
+        .density(tile, local.x, local.y)
+        .map_or(255, u32::from)
+}
+
+/// The density of a texel of `level`, 8.8 fixed point: that of its own level where it is resident,
+/// else of the levels that the residency field names, blended, so that it moves with the field.
+fn texel_density(
+    source: &impl PageSource,
+    lattice: &Lattice,
+    field: &ResidencyField,
+    texel: IVec2,
+    level: u32,
+) -> u32 {
+    let log2 = texel_log2(lattice, level).cast_signed();
+    let centre = lattice.clamp((texel << IVec2::splat(log2)) + (1 << (log2 - 1)));
+    let root = lattice.root_level << 8;
+    let lambda = (level.cast_signed() << 8)
+        .max(field.at(centre))
+        .min(root)
+        .cast_unsigned();
+    let (level, blend) = (lambda >> 8, lambda & 255);
+    let fine = level_density(source, lattice, centre, level);
+    if blend == 0 {
+        return fine << 8;
+    }
+    let coarse = level_density(source, lattice, centre, level + 1);
+    fine * (256 - blend) + coarse * blend
+}
+
+/// The level whose texels are half as long as the faces of `level`, or the nearest that there is.
+fn read_level(lattice: &Lattice, level: i32) -> u32 {
+    // A face has 128 / faces samples, a texel 4.
+    let half = level + 4 - lattice.faces_log2.cast_signed();
+    half.clamp(0, lattice.root_level).cast_unsigned()
+}
+
+/// The largest density of the square that reaches `half` to all sides of `centre`, read from the
+/// level that suits faces of `level`; 8.8 fixed point.
+fn square_density(
+    source: &impl PageSource,
+    lattice: &Lattice,
+    field: &ResidencyField,
+    centre: IVec2,
+    half: i32,
+    level: i32,
+) -> u32 {
+    let level = read_level(lattice, level);
+    let log2 = IVec2::splat(texel_log2(lattice, level).cast_signed());
+    let last = (lattice.extent - 1).max(IVec2::ZERO) >> log2;
+    // A square that ends on a texel's border doesn't reach into the next.
+    let first = ((centre - half) >> log2).clamp(IVec2::ZERO, last);
+    let end = ((centre + half - 1) >> log2).clamp(IVec2::ZERO, last);
+    let mut largest = 0;
+    for z in first.y..=end.y {
+        for x in first.x..=end.x {
+            let density = texel_density(source, lattice, field, IVec2::new(x, z), level);
+            largest = largest.max(density);
+        }
+    }
+    largest
+}
+
+/// What densities are read from.
+pub struct DensityReader<'a, S> {
+    /// The terrain's grid.
+    pub lattice: &'a Lattice,
+    /// The view's level of detail.
+    pub lod: &'a ViewLod,
+    /// What is resident.
+    pub field: &'a ResidencyField,
+    /// Stored densities.
+    pub source: &'a S,
+}
+
+impl<S: PageSource> DensityReader<'_, S> {
+    /// The density of the edge between control vertices `a` and `b`, counted in faces from the
+    /// corner `origin` of a node of `level`, in units of [`DENSITY_ONE`].
+    #[must_use]
+    pub fn edge_density(&self, level: i32, origin: IVec2, a: IVec2, b: IVec2) -> u32 {
+        let step = self.lattice.face_size(level);
+        // Written so that no sum of two places leaves 32 bits.
+        let middle = |a: IVec2, b: IVec2| origin + a * step + (b - a) * (step / 2);
+        let density = self.square(middle(a, b), step / 2, level);
+        let place = self.lattice.clamp(middle(a, b));
+        let morph = self.lod.morph(self.lattice, place, level);
+        // The ends slide onto the coarser grid; an edge whose ends meet there vanishes.
+        let (a, b) = (a - (a & 1), b - (b & 1));
+        if morph == 0 || a == b {
+            return density << 8;
+        }
+        blend(density, self.square(middle(a, b), step, level + 1), morph)
+    }
+
+    /// The density of the inside of face `ij` of a node of `level` with corner `origin`, in units of
+    /// [`DENSITY_ONE`].
+    #[must_use]
+    pub fn face_density(&self, level: i32, origin: IVec2, ij: IVec2) -> u32 {
+        let step = self.lattice.face_size(level);
+        let corner = origin + ij * step;
+        let density = self.square(corner + step / 2, step / 2, level);
+        let place = self.lattice.clamp(corner + step / 2);
+        let morph = self.lod.morph(self.lattice, place, level);
+        if morph == 0 {
+            return density << 8;
+        }
+        let corner = corner - (ij & 1) * step;
+        blend(density, self.square(corner + step, step, level + 1), morph)
+    }
+
+    fn square(&self, centre: IVec2, half: i32, level: i32) -> u32 {
+        square_density(self.source, self.lattice, self.field, centre, half, level)
+    }
+}
+
+/// `fine` and `coarse` (8.8) blended by a morph, in 8.16.
+fn blend(fine: u32, coarse: u32, morph: i32) -> u32 {
+    let morph = morph.cast_unsigned();
+    (fine * (ONE.cast_unsigned() - morph) + coarse * morph) >> 8
+}
