@@ -10,7 +10,7 @@ use bevy_tessera::bake::import::{self, ImportSettings};
 use bevy_tessera::bake::{BakeSettings, bake, rebake_densities};
 use bevy_tessera::density::{DensityBorder, DensitySettings, texels_of};
 use bevy_tessera::terrain::TerrainManifest;
-use bevy_tessera::tile::{DensityTile, TileAddress};
+use bevy_tessera::tile::{DensityTile, TileAddress, tile_path};
 use image::{Rgb, RgbImage};
 use std::path::{Path, PathBuf};
 
@@ -36,7 +36,7 @@ fn read(dir: &Path) -> Vec<Map> {
         let [columns, rows] = file.tiles(level);
         for at in 0..columns * rows {
             let address = TileAddress::new(level, at % columns, at / columns);
-            let bytes = std::fs::read(dir.join(DensityTile::path(address))).expect("readable");
+            let bytes = std::fs::read(dir.join(tile_path(address))).expect("readable");
             let tile = DensityTile::decode(&bytes, address).expect("a good tile");
             for texel in 0..1024 {
                 let (x, z) = (texel % 32 + 32 * address.x, texel / 32 + 32 * address.z);

@@ -12,7 +12,7 @@ use bevy_tessera::bake::{BakeSettings, bake};
 use bevy_tessera::lattice::{Lattice, LodSettings, Node, ResidencyField, ViewLod};
 use bevy_tessera::terrain::TerrainManifest;
 use bevy_tessera::tessellate::{FactorView, Pages, Partitioning, TerrainMesh, ViewMesh};
-use bevy_tessera::tile::{DensityTile, HeightTile};
+use bevy_tessera::tile::TerrainTile;
 use glam::{DVec2, IVec2};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -49,22 +49,20 @@ fn terrain(dir: &Path) -> Terrain {
     let mut pages = Pages::default();
     let mut heights_m = vec![0.0; (file.size[0] * file.size[1]) as usize];
     for (address, _) in manifest.index.iter() {
-        let read = |path: String| std::fs::read(dir.join(path)).expect("it was baked just now");
-        let heights = HeightTile::decode(&read(HeightTile::path(address)), address).expect("good");
-        let densities =
-            DensityTile::decode(&read(DensityTile::path(address)), address).expect("good");
+        let path = dir.join(TerrainTile::path(address));
+        let bytes = std::fs::read(path).expect("it was baked just now");
+        let tile = TerrainTile::decode(&bytes, address).expect("good");
         if address.level == 0 {
             for at in 0..129 * 129 {
                 let (x, z) = (at % 129, at / 129);
                 let (column, row) = (address.x * 128 + x, address.z * 128 + z);
                 if column < file.size[0] && row < file.size[1] {
                     heights_m[(row * file.size[0] + column) as usize] =
-                        file.height_m(heights.get(x as i32, z as i32)) as f32;
+                        file.height_m(tile.heights.get(x as i32, z as i32)) as f32;
                 }
             }
         }
-        pages.heights.insert(address, Arc::new(heights));
-        pages.densities.insert(address, Arc::new(densities));
+        pages.tiles.insert(address, Arc::new(tile));
     }
     Terrain {
         lattice: Lattice::new(file.size, file.levels, -2, 8).expect("it fits"),

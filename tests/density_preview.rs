@@ -18,9 +18,9 @@ use bevy_tessera::density::{
     DensityExtent, DensityFilter, DensityKernel, DensityScratch, DensitySettings, tile_densities,
 };
 use bevy_tessera::render::{GpuDensityPreview, GpuDensityPreviews, TerrainDensityPreview};
-use bevy_tessera::stream::{TerrainState, TerrainTiles, TileHeights, TilePage};
+use bevy_tessera::stream::{TerrainState, TerrainTiles, TileData, TilePage};
 use bevy_tessera::terrain::{ManifestFile, TerrainSettings};
-use bevy_tessera::tile::{HeightTile, TileAddress};
+use bevy_tessera::tile::{HeightTile, TerrainTile, TileAddress};
 use common::app;
 use common::gpu::bundled;
 use common::random::Random;
@@ -130,15 +130,15 @@ fn file(stage: &Stage) -> ManifestFile {
 fn resident(stage: &Stage) -> Vec<(TileAddress, u32, HeightTile)> {
     let world = stage.app.world();
     let tiles = world.get::<TerrainTiles>(stage.terrain).unwrap();
-    let heights = world.resource::<Assets<HeightTile>>();
+    let data = world.resource::<Assets<TerrainTile>>();
     tiles
         .iter()
         .map(|tile| {
-            let handle = &world.get::<TileHeights>(tile).unwrap().0;
+            let handle = &world.get::<TileData>(tile).unwrap().0;
             (
                 *world.get::<TileAddress>(tile).unwrap(),
                 world.get::<TilePage>(tile).unwrap().0,
-                heights.get(handle).unwrap().clone(),
+                data.get(handle).unwrap().heights.clone(),
             )
         })
         .collect()

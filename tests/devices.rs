@@ -15,7 +15,7 @@ use bevy_tessera::render::GpuTerrainMeshes;
 use bevy_tessera::stream::{TerrainState, TilePage};
 use bevy_tessera::terrain::TerrainCamera;
 use common::app;
-use common::scene::{Scene, assets_with_hills, hills, mean_difference};
+use common::scene::{Scene, assets_with_hills, hills, mean_difference, two_cascades};
 use common::stage::{NOTHING, Stage, bare_camera, covered};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
@@ -42,13 +42,7 @@ fn sunlight() -> impl Bundle {
             ..default()
         },
         Transform::from_xyz(0.75, 0.38, 0.45).looking_at(Vec3::ZERO, Vec3::Y),
-        bevy::light::CascadeShadowConfigBuilder {
-            num_cascades: 2,
-            first_cascade_far_bound: 400.0,
-            maximum_distance: 1500.0,
-            ..default()
-        }
-        .build(),
+        two_cascades(),
     )
 }
 

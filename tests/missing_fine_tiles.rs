@@ -8,7 +8,7 @@ use bevy_tessera::stream::TerrainState;
 use bevy_tessera::terrain::{
     INDEX_FILE, MANIFEST_FILE, TerrainCamera, TerrainManifest, TerrainSettings,
 };
-use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress, TileRange};
+use bevy_tessera::tile::{HeightTile, TerrainTile, TileAddress, TileRange};
 use common::gpu::{Kernels, bundled};
 use common::{app, manifold};
 use std::fs;
@@ -35,17 +35,16 @@ fn half_coarse(folder: &Path) {
             dropped += 1;
             continue;
         }
-        for file in [HeightTile::path(tile), DensityTile::path(tile)] {
-            fs::create_dir_all(folder.join(&file).parent().unwrap()).unwrap();
-            fs::copy(from.join(&file), folder.join(&file)).unwrap();
-        }
+        let file = TerrainTile::path(tile);
+        fs::create_dir_all(folder.join(&file).parent().unwrap()).unwrap();
+        fs::copy(from.join(&file), folder.join(&file)).unwrap();
     }
     assert!(dropped > 20, "only {dropped} tiles were left out");
     // The ranges of what is left, from fine to coarse.
     let mut left: Vec<_> = manifest.index.iter().map(|(tile, _)| tile).collect();
     left.sort_by_key(|tile| tile.level);
     for tile in left {
-        let bytes = fs::read(folder.join(HeightTile::path(tile))).unwrap();
+        let bytes = fs::read(folder.join(TerrainTile::path(tile))).unwrap();
         let own = HeightTile::decode(&bytes, tile).unwrap().range();
         let children = tile.children().into_iter().flatten();
         let range = children

@@ -12,7 +12,7 @@ mod prepasses;
 mod shadows;
 
 use bevy::prelude::*;
-use common::scene::{Scene, assets_with_hills, hills};
+use common::scene::{Scene, assets_with_hills, hills, two_cascades};
 use common::stage::Stage;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -68,12 +68,6 @@ fn sunlight(shadow_maps_enabled: bool) -> impl Bundle {
             ..default()
         },
         Transform::default().looking_to(-sun(), Vec3::Y),
-        bevy::light::CascadeShadowConfigBuilder {
-            num_cascades: 2,
-            first_cascade_far_bound: 400.0,
-            maximum_distance: 1500.0,
-            ..default()
-        }
-        .build(),
+        two_cascades(),
     )
 }

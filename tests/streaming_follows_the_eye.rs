@@ -6,11 +6,9 @@ mod streaming_support;
 use bevy::log::Level;
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_tessera::stream::{
-    TerrainState, TerrainTiles, TileBounds, TileDensities, TileHeights, TileOf, TilePage,
-};
+use bevy_tessera::stream::{TerrainState, TerrainTiles, TileBounds, TileData, TileOf, TilePage};
 use bevy_tessera::terrain::{Terrain, TerrainCamera, TerrainManifest, TerrainSettings};
-use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress};
+use bevy_tessera::tile::{TerrainTile, TileAddress};
 use bevy_tessera::view::TerrainViews;
 use streaming_support::{World3, logged, write_terrain};
 
@@ -78,14 +76,12 @@ fn tiles_can_be_queried() {
         assert_eq!(world3.state(terrain).pages().get(*address), Some(page.0));
         assert_eq!(world3.state(terrain).tile(*address), Some(tile));
         pages.push(page.0);
-        let heights = get.get::<TileHeights>().expect("heights");
-        let heights = world.resource::<Assets<HeightTile>>().get(&heights.0);
-        let heights = heights.expect("loaded");
-        let densities = get.get::<TileDensities>().expect("densities");
-        let densities = world.resource::<Assets<DensityTile>>().get(&densities.0);
-        assert_eq!(densities.map(|tile| tile.get(0, 0)), Some(128));
+        let data = get.get::<TileData>().expect("data");
+        let data = world.resource::<Assets<TerrainTile>>().get(&data.0);
+        let data = data.expect("loaded");
+        assert_eq!(data.densities.get(0, 0), 128);
         let bounds = get.get::<TileBounds>().expect("bounds");
-        let range = heights.range();
+        let range = data.heights.range();
         let metres = |stored: u16| -100.0 + 0.01 * f32::from(stored);
         assert!(bounds.min_m.y <= metres(range.min) + 1e-3);
         assert!(bounds.max_m.y >= metres(range.max) - 1e-3);
@@ -161,8 +157,7 @@ fn a_random_flight_with_few_pages_breaks_no_promise() {
         world.told().evicted.len() > 20,
         "the flight should have evicted tiles"
     );
-    let [manifests, heights, densities] = world.assets();
-    assert_eq!([manifests, heights, densities], [1, 24, 24]);
+    assert_eq!(world.assets(), [1, 24]);
 }
 
 #[test]
@@ -251,8 +246,7 @@ fn a_despawned_terrain_leaves_nothing() {
         assert_eq!(world.tile_entities(), 0);
         world.run_until("all assets freed", |world| {
             world.resource::<Assets<TerrainManifest>>().is_empty()
-                && world.resource::<Assets<HeightTile>>().is_empty()
-                && world.resource::<Assets<DensityTile>>().is_empty()
+                && world.resource::<Assets<TerrainTile>>().is_empty()
         });
         for _ in 0..20 {
             world.frame();
@@ -260,7 +254,7 @@ fn a_despawned_terrain_leaves_nothing() {
         }
         assert_eq!(
             world.assets(),
-            [0; 3],
+            [0; 2],
             "a load that was under way came in later"
         );
         assert_eq!(world.tile_entities(), 0);
@@ -281,7 +275,7 @@ fn a_terrain_that_loses_its_component_is_no_terrain() {
     assert_eq!(world.tile_entities(), 0);
     assert!(world.app.world().get::<TerrainState>(terrain).is_none());
     world.run_until("assets freed", |world| {
-        world.resource::<Assets<HeightTile>>().is_empty()
+        world.resource::<Assets<TerrainTile>>().is_empty()
     });
 }
 
@@ -301,7 +295,7 @@ fn several_terrains_are_apart() {
     world.app.world_mut().despawn(near);
     world.settle(far);
     world.run_until("the near one's tiles freed", |world| {
-        world.resource::<Assets<HeightTile>>().len() == 1
+        world.resource::<Assets<TerrainTile>>().len() == 1
     });
     assert_eq!(world.tile_entities(), 1);
 }

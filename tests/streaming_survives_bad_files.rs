@@ -7,7 +7,7 @@ use bevy::log::Level;
 use bevy::prelude::*;
 use bevy_tessera::stream::TerrainState;
 use bevy_tessera::terrain::{INDEX_FILE, MANIFEST_FILE, Terrain, TerrainCamera, TerrainManifest};
-use bevy_tessera::tile::{HeightTile, TileAddress};
+use bevy_tessera::tile::{HeightTile, TerrainTile, TileAddress};
 use std::fs;
 use streaming_support::{World3, logged, write_terrain};
 
@@ -32,7 +32,7 @@ fn a_bad_tile_is_named_once_and_its_parent_stands_in() {
     let empty = TileAddress::new(0, 5, 1);
     let no_density = TileAddress::new(0, 5, 3);
     let coarse = TileAddress::new(1, 3, 3);
-    let path = |tile| world.path(HeightTile::path(tile));
+    let path = |tile| world.path(TerrainTile::path(tile));
     fs::remove_file(path(missing)).expect("was there");
     let bytes = fs::read(path(truncated)).expect("is there");
     fs::write(path(truncated), &bytes[..bytes.len() / 2]).expect("written");
@@ -59,7 +59,7 @@ fn a_bad_tile_is_named_once_and_its_parent_stands_in() {
     wanted.sort();
     assert_eq!(failed, wanted, "each bad tile once, and no other");
     for (tile, reason) in told {
-        let file = HeightTile::path(*tile);
+        let file = TerrainTile::path(*tile);
         assert!(reason.contains(&format!("alps/{file}")), "{reason}");
         assert_eq!(reason.lines().count(), 1, "{reason}");
         let why = match *tile {
@@ -168,7 +168,7 @@ fn a_manifest_that_cannot_be_used_is_an_event() {
 
 #[test]
 fn without_its_root_a_terrain_is_none() {
-    let root = HeightTile::path(TileAddress::new(2, 0, 0));
+    let root = TerrainTile::path(TileAddress::new(2, 0, 0));
     refused(
         |world| fs::remove_file(world.path(&root)).expect("was there"),
         &format!("alps/{root}"),
@@ -243,6 +243,6 @@ fn a_refused_terrain_may_get_a_better_manifest() {
     let resident = world.state(terrain).resident_count();
     world.run_until("the first one's assets are freed", |world| {
         world.resource::<Assets<TerrainManifest>>().len() == 1
-            && world.resource::<Assets<HeightTile>>().len() == resident
+            && world.resource::<Assets<TerrainTile>>().len() == resident
     });
 }

@@ -39,7 +39,9 @@ pub use source::{CodeMapping, HeightSource, MemorySource, SourceError};
 pub use verify::{Fault, VerifyReport, verify};
 
 use crate::density::DensitySettings;
-use crate::terrain::{MANIFEST_MAGIC, MANIFEST_VERSION, ManifestFile, check_size};
+use crate::terrain::{
+    INDEX_FILE, MANIFEST_FILE, MANIFEST_MAGIC, MANIFEST_VERSION, ManifestFile, check_size,
+};
 use pyramid::Pyramid;
 use quantise::Quantiser;
 use std::ops::RangeInclusive;
@@ -202,6 +204,9 @@ pub fn bake(
     let tiles = index.iter().count() as u64;
     let bytes = bytes + partial.write_index(&mut manifest, &index)?;
     progress.stage(BakeStage::Finish, 0);
+    // The last two are those of version 1.
+    let ours = [MANIFEST_FILE, INDEX_FILE, "tile", "height", "density"];
+    partial.carry_over(&|path| ours.iter().any(|name| path == Path::new(name)))?;
     partial.publish(settings.force)?;
 
     Ok(BakeReport {

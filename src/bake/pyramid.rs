@@ -182,21 +182,13 @@ impl Pyramid {
 
     /// Densities of level 0 as they are stored.
     fn spread_densities(&mut self) {
-        let settings = &self.density;
-        let reach = settings.reach().max(settings.border_reach());
         let level = &mut self.levels[0];
-        let rows = level.texels[1];
-        let first = level.densities.end();
-        let mut end = first;
-        while end < rows && self.unspread.end() > (rows - 1).min(end + reach) {
-            end += 1;
-        }
-        let spread: Vec<_> = (first..end)
-            .into_par_iter()
-            .map(|z| spread_row(settings, z, rows, |z| self.unspread.row(z)))
-            .collect();
-        level.densities.extend(spread);
-        self.unspread.drop_before(end.saturating_sub(reach));
+        spread_rows(
+            &self.density,
+            level.texels[1],
+            &mut self.unspread,
+            &mut level.densities,
+        );
     }
 
     /// Rows of a level from those of the level below it.
@@ -303,6 +295,28 @@ impl Pyramid {
             level.densities.drop_before(densities);
         }
     }
+}
+
+/// Spreads all rows of densities that can be, of `rows` that a level has, and drops what no other
+/// row needs.
+pub(super) fn spread_rows(
+    settings: &DensitySettings,
+    rows: u32,
+    unspread: &mut Rows<u8>,
+    done: &mut Rows<u8>,
+) {
+    let reach = settings.reach().max(settings.border_reach());
+    let first = done.end();
+    let mut end = first;
+    while end < rows && unspread.end() > (rows - 1).min(end + reach) {
+        end += 1;
+    }
+    let spread: Vec<_> = (first..end)
+        .into_par_iter()
+        .map(|z| spread_row(settings, z, rows, |z| unspread.row(z)))
+        .collect();
+    done.extend(spread);
+    unspread.drop_before(end.saturating_sub(reach));
 }
 
 /// What follows a rim sample and the one inside of it on a straight line.

@@ -1,11 +1,10 @@
 //! Making a terrain's densities anew, from the heights that are stored.
 
-use super::pyramid::{Rows, density_window};
+use super::pyramid::{Rows, density_window, spread_rows};
 use super::writer::{self, PartialTerrain};
 use super::{BakeError, BakeProgress, BakeStage};
 use crate::density::{
-    DensityExtent, DensityKernel, DensityScratch, DensitySettings, coarser_row, spread_row,
-    texels_of, tile_densities,
+    DensityExtent, DensityKernel, DensityScratch, DensitySettings, coarser_row, tile_densities,
 };
 use crate::terrain::{ManifestFile, TerrainManifest};
 use crate::tile::{
@@ -40,16 +39,16 @@ pub struct DensityReport {
 /// made, byte for byte.
 ///
 /// The new terrain is put together beside the old one, which it replaces at the end: who is
-/// stopped leaves the old one. Whatever else lies in the folder is linked, not copied, where the file
-/// system can.
-/// Memory grows with the terrain's width, by some hundred bytes a column.
+/// stopped leaves the old one. Whatever else lies in the folder is linked, not copied, where the
+/// file system can. Memory grows with the terrain's width, by some hundred bytes a column.
 ///
-/// Texels of tiles that lack a finer tile come from their own heights; what the thesis's
+/// Texels of tiles that lack a finer tile come from their own heights, which is what the thesis's
 /// normalisation is for (see [`density`](crate::density)).
 ///
 /// # Errors
 /// For settings outside their ranges, a folder that is no terrain, a tile that can't be read, where
-/// another terrain was put in the folder meanwhile, and where the result can't be written. The terrain is then as it was before.
+/// another terrain was put in the folder meanwhile, and where the result can't be written. The
+/// terrain is then as it was before.
 pub fn rebake_densities(
     dir: &Path,
     settings: &DensitySettings,
@@ -85,6 +84,7 @@ pub fn rebake_densities(
             file: &file,
             index: &index,
             level,
+            extent: DensityExtent::new(file.size, level),
             kernel: DensityKernel::new(settings, file.height_step_m, file.spacing_m, level),
             progress,
         }
@@ -92,8 +92,7 @@ pub fn rebake_densities(
     }
     progress.stage(BakeStage::Finish, 0);
     partial.write_index(&mut file, &index)?;
-    // Whatever else lies in the folder.
-    writer::carry_over(&folder, partial.dir(), &|_| false)?;
+    partial.carry_over(&|_| false)?;
     if writer::Identity::of(&folder).ok().as_ref() != Some(&before) {
         return Err(BakeError::Replaced {
             path: dir.to_owned(),
@@ -111,6 +110,7 @@ struct Rebake<'a> {
     file: &'a ManifestFile,
     index: &'a TileIndex,
     level: u8,
+    extent: DensityExtent,
     kernel: DensityKernel,
     progress: &'a dyn BakeProgress,
 }
@@ -119,10 +119,11 @@ impl Rebake<'_> {
     fn run(&self, report: &mut DensityReport) -> Result<(), BakeError> {
         let settings = &self.file.density;
         let tiles = self.file.tiles(self.level);
-        let texels = self.file.samples(self.level).map(texels_of);
-        let reach = settings.reach().max(settings.border_reach());
-        // Densities from heights, from finer densities, and both together.
-        let (mut own, mut finer, mut done) = (Rows::new(), Rows::new(), Rows::new());
+        let texels = self.extent.texels;
+        // Densities from heights before and after they spread, from finer densities, and both
+        // together.
+        let (mut own, mut spread) = (Rows::new(), Rows::new());
+        let (mut finer, mut done) = (Rows::new(), Rows::new());
         let (mut sum, mut count) = (0, 0);
         let mut written = 0;
         for z in 0..tiles[1] {
@@ -148,24 +149,17 @@ impl Rebake<'_> {
             own.extend(strip(|both| &both.0));
             finer.extend(strip(|both| &both.1));
 
-            let first = done.end();
-            let mut end = first;
-            while end < texels[1] && own.end() > (texels[1] - 1).min(end + reach) {
-                end += 1;
-            }
-            let rows: Vec<Vec<u8>> = (first..end)
+            spread_rows(settings, texels[1], &mut own, &mut spread);
+            let rows: Vec<Vec<u8>> = (done.end()..spread.end())
                 .into_par_iter()
                 .map(|z| {
-                    let mut row = spread_row(settings, z, texels[1], |z| own.row(z));
-                    for (density, &finer) in row.iter_mut().zip(finer.row(z)) {
-                        *density = finer.max(*density);
-                    }
-                    row
+                    let both = spread.row(z).iter().zip(finer.row(z));
+                    both.map(|(&a, &b)| a.max(b)).collect()
                 })
                 .collect();
             done.extend(rows);
-            own.drop_before(end.saturating_sub(reach));
-            finer.drop_before(end);
+            spread.drop_before(done.end());
+            finer.drop_before(done.end());
 
             let needed = |z: u32| (DENSITY_TEXELS * (z + 1) + DENSITY_BORDER).min(texels[1] - 1);
             while written < tiles[1] && done.end() > needed(written) {
@@ -239,11 +233,10 @@ impl Rebake<'_> {
         }
         let heights = self.heights(address)?;
         let first = address.first_sample();
-        let extent = DensityExtent::new(self.file.size, self.level);
         let first = [first.0, first.1];
         tile_densities(
             &self.kernel,
-            &extent,
+            &self.extent,
             first,
             heights.samples(),
             scratch,
@@ -256,9 +249,8 @@ impl Rebake<'_> {
             }
         }
         let here = |axis: usize| {
-            u64::from(
-                (extent.samples[axis] - first[axis].min(extent.samples[axis])).min(TILE_SAMPLES),
-            )
+            let left = self.extent.samples[axis].saturating_sub(first[axis]);
+            u64::from(left.min(TILE_SAMPLES))
         };
         Ok((own, finer, here(0) * here(1)))
     }

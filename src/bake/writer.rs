@@ -131,17 +131,22 @@ impl PartialTerrain {
         Ok((bytes.len() + text.len()) as u64)
     }
 
+    /// Gives whatever else lies in the folder that will be replaced a place in the new one, but for
+    /// what `skip` names (a path below the folder). A terrain's folder may hold more than a terrain:
+    /// textures, notes, metadata. Nothing of it may be lost.
+    pub(super) fn carry_over(&self, skip: &dyn Fn(&Path) -> bool) -> Result<(), BakeError> {
+        if self.out.join(MANIFEST_FILE).is_file() {
+            carry_over(&self.out, &self.dir, skip)?;
+        }
+        Ok(())
+    }
+
     /// Puts the finished terrain in its place.
     pub(super) fn publish(mut self, force: bool) -> Result<(), BakeError> {
         // Something may have appeared since the bake began.
         check_output(&self.out, force)?;
         let replaces = self.out.join(MANIFEST_FILE).is_file();
         if replaces {
-            // The last two are those of version 1.
-            let ours = [MANIFEST_FILE, INDEX_FILE, "tile", "height", "density"];
-            carry_over(&self.out, &self.dir, &|path| {
-                ours.iter().any(|name| path == Path::new(name))
-            })?;
             fs::rename(&self.out, &self.old).map_err(failed(&self.out))?;
         } else if self.out.is_dir() {
             fs::remove_dir(&self.out).map_err(failed(&self.out))?;
@@ -251,14 +256,7 @@ impl Identity {
 /// Gives everything that lies in the folder `from` a second name in the folder `to`, but for what is
 /// there already and for what `skip` names (a path below `from`). Files are linked, or copied where
 /// the file system can't; links are made again; folders keep their permissions.
-///
-/// A terrain's folder may hold more than a terrain: textures, notes, metadata. Nothing of it may be
-/// lost when a new terrain takes the place.
-pub(super) fn carry_over(
-    from: &Path,
-    to: &Path,
-    skip: &dyn Fn(&Path) -> bool,
-) -> Result<(), BakeError> {
+fn carry_over(from: &Path, to: &Path, skip: &dyn Fn(&Path) -> bool) -> Result<(), BakeError> {
     carry_below(from, to, Path::new(""), skip)?;
     if let Ok(folder) = fs::metadata(from) {
         // Not every file system keeps permissions.

@@ -34,7 +34,6 @@ use bevy::render::{Extract, ExtractSchedule, GpuResourceAppExt, Render, RenderAp
 ///   levels take the largest density of the finer ones, where there are any.
 /// - Densities don't spread, and borders are like all other texels: `preprocess`, `filter_size`,
 ///   `border` and `lod_skip` change nothing.
-/// - A terrain (or a coarse level of one) less than three samples wide shows 0.
 ///
 /// It takes 1 KiB of GPU memory a page and a storage buffer of the fragment stage. Where a view
 /// leaves none (on a device with WebGPU's limits, a camera with both order-independent
@@ -276,7 +275,7 @@ impl DensityBuffers {
         );
         let densities = buffer(
             device,
-            "terrain_density_pages",
+            "terrain_density_preview_pages",
             room * GpuDensityKernel::PAGE_BYTES,
             BufferUsages::STORAGE | BufferUsages::COPY_SRC,
         );

@@ -4,10 +4,10 @@ use super::TerrainMaterial;
 use super::cull::TerrainNodes;
 use super::gpu_types::{GpuTerrainDraw, GpuTerrainNode, GpuTerrainView};
 use super::material::ComposedMaterials;
-use crate::stream::{TerrainState, TerrainTiles, TileDensities, TileHeights, TilePage};
+use crate::stream::{TerrainState, TerrainTiles, TileData, TilePage};
 use crate::terrain::TerrainCamera;
 use crate::tessellate::{FactorView, Partitioning};
-use crate::tile::{DensityTile, HeightTile, TileAddress};
+use crate::tile::{TerrainTile, TileAddress};
 use crate::view::{TerrainView, TerrainViews};
 use bevy::asset::AssetId;
 use bevy::ecs::entity::EntityHashMap;
@@ -23,8 +23,7 @@ use bytemuck::Zeroable;
 pub(super) struct PageUpload {
     pub(super) page: u32,
     pub(super) address: TileAddress,
-    pub(super) heights: HeightTile,
-    pub(super) densities: DensityTile,
+    pub(super) tile: TerrainTile,
 }
 
 /// A terrain as it is in this frame.
@@ -73,12 +72,12 @@ impl UploadedTerrains {
     pub(super) fn pages(&self, terrain: Entity) -> impl Iterator<Item = (u32, TileAddress)> {
         let pages = self.terrains.get(&terrain).into_iter();
         let pages = pages.flat_map(|known| (0..).zip(&known.pages));
-        pages.filter_map(|(page, slot)| slot.map(|(address, ..)| (page, address)))
+        pages.filter_map(|(page, slot)| slot.map(|(address, _)| (page, address)))
     }
 }
 
 /// The tile that a page was written with.
-type PageContent = (TileAddress, AssetId<HeightTile>, AssetId<DensityTile>);
+type PageContent = (TileAddress, AssetId<TerrainTile>);
 
 #[derive(Default)]
 struct Uploaded {
@@ -86,18 +85,14 @@ struct Uploaded {
     instance: Option<u64>,
     pages_version: u64,
     field_version: u64,
-    /// A tile is resident whose heights could not be taken yet.
+    /// A tile is resident whose data could not be taken yet.
     incomplete: bool,
     /// What each page holds.
     pages: Vec<Option<PageContent>>,
     world_from_local: Option<DAffine3>,
 }
 
-#[expect(
-    clippy::type_complexity,
-    clippy::too_many_arguments,
-    reason = "parameters of a Bevy system"
-)]
+#[expect(clippy::type_complexity, reason = "parameters of a Bevy system")]
 pub(super) fn extract_terrains(
     terrains: Extract<
         Query<(
@@ -107,9 +102,8 @@ pub(super) fn extract_terrains(
             Option<&TerrainMaterial>,
         )>,
     >,
-    tiles: Extract<Query<(&TileAddress, &TileHeights, &TileDensities, &TilePage)>>,
-    heights: Extract<Res<Assets<HeightTile>>>,
-    densities: Extract<Res<Assets<DensityTile>>>,
+    tiles: Extract<Query<(&TileAddress, &TileData, &TilePage)>>,
+    data: Extract<Res<Assets<TerrainTile>>>,
     cameras: Extract<
         Query<(
             Entity,
@@ -150,18 +144,15 @@ pub(super) fn extract_terrains(
         let pages_changed = known.pages_version != state.pages_version();
         let look = pages_changed || known.incomplete;
         for tile in tile_entities.iter().filter(|_| look) {
-            let Ok((address, height_tile, density_tile, page)) = tiles.get(tile) else {
+            let Ok((address, handle, page)) = tiles.get(tile) else {
                 continue;
             };
             let slot = &mut known.pages[page.0 as usize];
-            let content = (*address, height_tile.id(), density_tile.id());
+            let content = (*address, handle.id());
             if *slot == Some(content) {
                 continue;
             }
-            let (Some(heights), Some(densities)) = (
-                heights.get(height_tile.id()),
-                densities.get(density_tile.id()),
-            ) else {
+            let Some(data) = data.get(handle.id()) else {
                 incomplete = true;
                 continue;
             };
@@ -169,8 +160,7 @@ pub(super) fn extract_terrains(
             uploads.push(PageUpload {
                 page: page.0,
                 address: *address,
-                heights: heights.clone(),
-                densities: densities.clone(),
+                tile: data.clone(),
             });
         }
         if look {

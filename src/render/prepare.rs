@@ -286,18 +286,18 @@ impl GpuTerrain {
         };
         write(
             &self.heights,
-            bytemuck::cast_slice(upload.heights.samples()),
+            bytemuck::cast_slice(upload.tile.heights.samples()),
             TILE_STORED,
             2,
         );
         write(
             &self.densities,
-            &upload.densities.own_texels(),
+            &upload.tile.densities.own_texels(),
             DENSITY_TEXELS,
             1,
         );
         let scale = gradient_scale / (1_u32 << upload.address.level) as f32;
-        tile_gradients(&upload.heights, scale, scratch);
+        tile_gradients(&upload.tile.heights, scale, scratch);
         write(
             &self.gradients,
             bytemuck::cast_slice(scratch),
@@ -397,8 +397,8 @@ impl GpuTerrainMesh {
             replaced = true;
         }
         // The least factor everywhere always fits.
-        let (least, _) = extracted.partitioning.least_face();
-        let least = u32::try_from(u64::from(least) * faces)
+        let least = u64::from(extracted.partitioning.least_vertices());
+        let least = u32::try_from(least * faces)
             .unwrap_or(u32::MAX)
             .next_power_of_two();
         let room = extracted.max_vertices.max(least).min(largest_room(device));

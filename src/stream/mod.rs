@@ -27,7 +27,7 @@ pub use state::TerrainState;
 pub(crate) use systems::{
     forget_removed_terrain, reset_changed_terrains, start_terrains, stream_tiles,
 };
-pub use tile::{TerrainTiles, TileBounds, TileDensities, TileHeights, TileOf, TilePage};
+pub use tile::{TerrainTiles, TileBounds, TileData, TileOf, TilePage};
 
 /// The manifest of a terrain that exists in tests only.
 #[cfg(test)]

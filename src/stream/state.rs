@@ -5,7 +5,7 @@ use super::residency::Residency;
 use super::{PageTable, TileBounds};
 use crate::lattice::{Lattice, LatticeError, ResidencyField, ViewLod};
 use crate::terrain::{TerrainManifest, TerrainSettings};
-use crate::tile::{DensityTile, HeightTile, TileAddress};
+use crate::tile::{TerrainTile, TileAddress};
 use bevy::asset::{AssetId, AssetPath};
 use bevy::prelude::*;
 use std::collections::HashSet;
@@ -46,24 +46,18 @@ pub struct TerrainState {
 /// The next state's instance.
 static INSTANCE: AtomicU64 = AtomicU64::new(1);
 
-/// What a page holds. The handles keep the tile loaded even where a game despawns its entity.
+/// What a page holds. The handle keeps the tile loaded even where a game despawns its entity.
 #[derive(Debug)]
 pub(super) struct Slot {
     pub(super) entity: Entity,
-    _heights: Handle<HeightTile>,
-    _densities: Handle<DensityTile>,
+    _tile: Handle<TerrainTile>,
 }
 
 impl Slot {
-    pub(super) const fn new(
-        entity: Entity,
-        heights: Handle<HeightTile>,
-        densities: Handle<DensityTile>,
-    ) -> Self {
+    pub(super) const fn new(entity: Entity, tile: Handle<TerrainTile>) -> Self {
         Self {
             entity,
-            _heights: heights,
-            _densities: densities,
+            _tile: tile,
         }
     }
 }
@@ -73,9 +67,8 @@ impl Slot {
 pub(super) struct Loading {
     pub(super) address: TileAddress,
     pub(super) rank: u32,
-    pub(super) heights: Handle<HeightTile>,
-    pub(super) densities: Handle<DensityTile>,
-    /// Both assets have loaded.
+    pub(super) tile: Handle<TerrainTile>,
+    /// The asset has loaded.
     pub(super) is_ready: bool,
 }
 

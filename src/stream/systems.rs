@@ -1,12 +1,12 @@
 //! The systems that load, activate and evict tiles.
 
 use super::state::{Loading, Slot, TerrainState};
-use super::{TerrainTiles, TileDensities, TileHeights, TileOf, TilePage};
+use super::{TerrainTiles, TileData, TileOf, TilePage};
 use crate::terrain::{
     Terrain, TerrainFailed, TerrainManifest, TerrainReady, TerrainSettings, TileEvicted,
     TileFailed, TileLoaded,
 };
-use crate::tile::{DensityTile, HeightTile, TileAddress};
+use crate::tile::{TerrainTile, TileAddress};
 use crate::view::TerrainViews;
 use bevy::asset::io::AssetReaderError;
 use bevy::asset::{AssetId, AssetLoadError, AssetPath, LoadState};
@@ -145,8 +145,7 @@ fn reason_of(error: &AssetLoadError, path: &str) -> String {
 struct Context<'a, 'w, 's> {
     entity: Entity,
     server: &'a AssetServer,
-    heights: &'a Assets<HeightTile>,
-    densities: &'a Assets<DensityTile>,
+    tiles: &'a Assets<TerrainTile>,
     commands: &'a mut Commands<'w, 's>,
 }
 
@@ -156,8 +155,7 @@ pub(crate) fn stream_tiles(
     cameras: Query<&TerrainViews>,
     time: Res<Time<Real>>,
     server: Res<AssetServer>,
-    heights: Res<Assets<HeightTile>>,
-    densities: Res<Assets<DensityTile>>,
+    tiles: Res<Assets<TerrainTile>>,
     mut commands: Commands,
 ) {
     let _span = bevy::log::debug_span!("terrain_stream").entered();
@@ -176,8 +174,7 @@ pub(crate) fn stream_tiles(
         let mut context = Context {
             entity,
             server: &server,
-            heights: &heights,
-            densities: &densities,
+            tiles: &tiles,
             commands: &mut commands,
         };
         state.poll_loads(&mut context);
@@ -211,26 +208,18 @@ impl TerrainState {
                 at += 1;
                 continue;
             }
-            let has_heights = context.heights.contains(&loading.heights);
-            let has_densities = context.densities.contains(&loading.densities);
-            if has_heights && has_densities {
+            if context.tiles.contains(&loading.tile) {
                 loading.is_ready = true;
                 at += 1;
                 continue;
             }
-            let failure = failure(context.server, loading.heights.id().untyped())
-                .map(|error| (error, HeightTile::path(loading.address)))
-                .or_else(|| {
-                    failure(context.server, loading.densities.id().untyped())
-                        .map(|error| (error, DensityTile::path(loading.address)))
-                });
-            let Some((error, path)) = failure else {
+            let LoadState::Failed(error) = context.server.load_state(&loading.tile) else {
                 at += 1;
                 continue;
             };
             let address = loading.address;
             self.loading.swap_remove(at);
-            let path = self.tile_path(path);
+            let path = self.tile_path(address);
             self.give_up(address, reason_of(&error, &path.to_string()), context);
         }
     }
@@ -255,8 +244,9 @@ impl TerrainState {
         });
     }
 
-    /// Where a file of this terrain lies.
-    fn tile_path(&self, path: String) -> AssetPath<'static> {
+    /// Where a tile's file lies.
+    fn tile_path(&self, address: TileAddress) -> AssetPath<'static> {
+        let path = TerrainTile::path(address);
         AssetPath::from(self.manifest_path.path().with_file_name(path))
             .with_source(self.manifest_path.source().clone_owned())
     }
@@ -333,13 +323,12 @@ impl TerrainState {
     fn spawn_tile(&mut self, page: u32, loading: Loading, context: &mut Context) {
         let Loading {
             address,
-            heights,
-            densities,
+            tile: data,
             ..
         } = loading;
         let terrain = context.entity;
         let tile = context.commands.spawn_empty().id();
-        self.slots[page as usize] = Some(Slot::new(tile, heights.clone(), densities.clone()));
+        self.slots[page as usize] = Some(Slot::new(tile, data.clone()));
         let bounds = self.bounds(address);
         let is_root = address == self.root();
         context.commands.queue(move |world: &mut World| {
@@ -349,13 +338,7 @@ impl TerrainState {
                 return;
             }
             if let Ok(mut entity) = world.get_entity_mut(tile) {
-                entity.insert((
-                    TileOf(terrain),
-                    address,
-                    TileHeights(heights),
-                    TileDensities(densities),
-                    TilePage(page),
-                ));
+                entity.insert((TileOf(terrain), address, TileData(data), TilePage(page)));
                 if let Some(bounds) = bounds {
                     entity.insert(bounds);
                 }
@@ -383,24 +366,15 @@ impl TerrainState {
                 continue;
             }
             // The game has asked for the manifest, wherever it lies; the tiles lie beside it.
-            let heights = self.tile_path(HeightTile::path(address));
-            let densities = self.tile_path(DensityTile::path(address));
-            let builder = || context.server.load_builder().override_unapproved();
+            let path = self.tile_path(address);
+            let builder = context.server.load_builder().override_unapproved();
             self.loading.push(Loading {
                 address,
                 rank,
-                heights: builder().load(heights),
-                densities: builder().load(densities),
+                tile: builder.load(path),
                 is_ready: false,
             });
         }
-    }
-}
-
-fn failure(server: &AssetServer, id: bevy::asset::UntypedAssetId) -> Option<Arc<AssetLoadError>> {
-    match server.load_state(id) {
-        LoadState::Failed(error) => Some(error),
-        _ => None,
     }
 }
 

@@ -1,7 +1,7 @@
 //! Tile entities: what a game can query about the tiles that are resident.
 
 use crate::terrain::ManifestFile;
-use crate::tile::{DensityTile, HeightTile, TILE_SAMPLES, TileAddress, TileRange};
+use crate::tile::{TILE_SAMPLES, TerrainTile, TileAddress, TileRange};
 use bevy::prelude::*;
 
 /// The terrain that a tile belongs to.
@@ -16,15 +16,10 @@ pub struct TileOf(#[entities] pub Entity);
 #[relationship_target(relationship = TileOf, linked_spawn)]
 pub struct TerrainTiles(Vec<Entity>);
 
-/// The heights of a resident tile, loaded.
+/// What is stored of a resident tile: its heights and densities, loaded.
 #[derive(Component, Clone, Debug, PartialEq, Eq, Deref, Reflect)]
 #[reflect(Component, Debug, Clone, PartialEq)]
-pub struct TileHeights(pub Handle<HeightTile>);
-
-/// The densities of a resident tile, loaded.
-#[derive(Component, Clone, Debug, PartialEq, Eq, Deref, Reflect)]
-#[reflect(Component, Debug, Clone, PartialEq)]
-pub struct TileDensities(pub Handle<DensityTile>);
+pub struct TileData(pub Handle<TerrainTile>);
 
 /// The box that holds a tile's ground, in metres in the terrain's own space.
 #[derive(Component, Clone, Copy, Debug, PartialEq, Reflect)]

@@ -1,8 +1,8 @@
 //! The plugin that makes terrains live.
 
 use super::{Terrain, TerrainCamera, TerrainManifest, TerrainManifestLoader, TerrainSettings};
-use crate::stream::{self, TerrainTiles, TileBounds, TileDensities, TileHeights, TileOf, TilePage};
-use crate::tile::{DensityTile, DensityTileLoader, HeightTile, HeightTileLoader, TileAddress};
+use crate::stream::{self, TerrainTiles, TileBounds, TileData, TileOf, TilePage};
+use crate::tile::{TerrainTile, TerrainTileLoader, TileAddress};
 use crate::view;
 use bevy::prelude::*;
 use bevy::transform::TransformSystems;
@@ -35,19 +35,16 @@ pub struct TerrainPlugin;
 impl Plugin for TerrainPlugin {
     fn build(&self, app: &mut App) {
         app.init_asset::<TerrainManifest>()
-            .init_asset::<HeightTile>()
-            .init_asset::<DensityTile>()
+            .init_asset::<TerrainTile>()
             .init_asset_loader::<TerrainManifestLoader>()
-            .init_asset_loader::<HeightTileLoader>()
-            .init_asset_loader::<DensityTileLoader>()
+            .init_asset_loader::<TerrainTileLoader>()
             .register_type::<Terrain>()
             .register_type::<TerrainSettings>()
             .register_type::<TerrainCamera>()
             .register_type::<TileAddress>()
             .register_type::<TileOf>()
             .register_type::<TerrainTiles>()
-            .register_type::<TileHeights>()
-            .register_type::<TileDensities>()
+            .register_type::<TileData>()
             .register_type::<TileBounds>()
             .register_type::<TilePage>()
             .add_observer(stream::forget_removed_terrain)

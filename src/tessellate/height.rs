@@ -1,7 +1,7 @@
 //! The one height function: tiles blended over two levels.
 
 use crate::lattice::{Lattice, ONE};
-use crate::tile::{DensityTile, HeightTile, TILE_SAMPLES, TileAddress};
+use crate::tile::{TILE_SAMPLES, TerrainTile, TileAddress};
 use glam::IVec2;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -18,21 +18,19 @@ pub trait PageSource {
 }
 
 /// Tiles by address.
-#[derive(Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Pages {
-    /// The heights that are there.
-    pub heights: HashMap<TileAddress, Arc<HeightTile>>,
-    /// The densities that are there.
-    pub densities: HashMap<TileAddress, Arc<DensityTile>>,
+    /// The tiles that are there.
+    pub tiles: HashMap<TileAddress, Arc<TerrainTile>>,
 }
 
 impl PageSource for Pages {
     fn height(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16> {
-        self.heights.get(&tile).map(|tile| tile.get(x, z))
+        self.tiles.get(&tile).map(|tile| tile.heights.get(x, z))
     }
 
     fn density(&self, tile: TileAddress, x: i32, z: i32) -> Option<u8> {
-        self.densities.get(&tile).map(|tile| tile.get(x, z))
+        self.tiles.get(&tile).map(|tile| tile.densities.get(x, z))
     }
 }
 

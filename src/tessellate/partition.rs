@@ -44,12 +44,12 @@ impl Partitioning {
         }
     }
 
-    /// Vertices and triangles of a face with the least factors.
+    /// Vertices of a face with the least factors.
     #[must_use]
-    pub const fn least_face(self) -> (u32, u32) {
+    pub const fn least_vertices(self) -> u32 {
         match self {
-            Self::FractionalEven => (9, 8),
-            _ => (4, 2),
+            Self::FractionalEven => 9,
+            _ => 4,
         }
     }
 }

@@ -14,7 +14,6 @@ const BORDER: i32 = DENSITY_BORDER as i32;
 /// that deserves all that the settings allow. Texel `(x, z)` covers the tile's samples
 /// `4 x ..= 4 x + 4` by `4 z ..= 4 z + 4`. Texels beyond the terrain repeat the edge.
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "ecs", derive(bevy::asset::Asset, bevy::reflect::TypePath))]
 pub struct DensityTile {
     texels: Box<[u8]>,
 }
@@ -85,11 +84,5 @@ impl DensityTile {
         Ok(Self {
             texels: payload.into(),
         })
-    }
-
-    /// The file in the terrain's folder that holds the tile; its heights and densities share one.
-    #[must_use]
-    pub fn path(address: TileAddress) -> String {
-        super::tile_path(address)
     }
 }

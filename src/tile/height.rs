@@ -15,7 +15,6 @@ const BORDER: i32 = TILE_BORDER as i32;
 ///
 /// [`ManifestFile::height_m`]: crate::terrain::ManifestFile::height_m
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "ecs", derive(bevy::asset::Asset, bevy::reflect::TypePath))]
 pub struct HeightTile {
     samples: Box<[u16]>,
 }
@@ -99,11 +98,5 @@ impl HeightTile {
                 .map(|pair| u16::from_le_bytes([pair[0], pair[1]]))
                 .collect(),
         })
-    }
-
-    /// The file in the terrain's folder that holds the tile; its heights and densities share one.
-    #[must_use]
-    pub fn path(address: TileAddress) -> String {
-        super::tile_path(address)
     }
 }

@@ -1,6 +1,6 @@
-//! Asset loaders of tiles.
+//! Asset loader of tiles.
 
-use super::{DensityTile, HeightTile, TileAddress, TileFormatError};
+use super::{TerrainTile, TileAddress, TileFormatError};
 use bevy::asset::{AssetLoader, LoadContext, io::Reader};
 use bevy::reflect::TypePath;
 use std::path::Path;
@@ -34,22 +34,16 @@ pub enum TileLoadError {
     },
 }
 
-/// Loads [`HeightTile`]s from `tile/{level}/{x}_{z}.tile`.
+/// Loads [`TerrainTile`]s from `tile/{level}/{x}_{z}.tile`.
 ///
 /// The path says which tile is wanted; a file that holds another one is refused.
 #[derive(Clone, Copy, Debug, Default, TypePath)]
-pub struct HeightTileLoader;
-
-/// Loads [`DensityTile`]s from `tile/{level}/{x}_{z}.tile`.
-///
-/// The path says which tile is wanted; a file that holds another one is refused.
-#[derive(Clone, Copy, Debug, Default, TypePath)]
-pub struct DensityTileLoader;
+pub struct TerrainTileLoader;
 
 const EXTENSIONS: &[&str] = &["tile"];
 
-impl AssetLoader for HeightTileLoader {
-    type Asset = HeightTile;
+impl AssetLoader for TerrainTileLoader {
+    type Asset = TerrainTile;
     type Settings = ();
     type Error = TileLoadError;
 
@@ -58,54 +52,27 @@ impl AssetLoader for HeightTileLoader {
         reader: &mut dyn Reader,
         _settings: &(),
         load_context: &mut LoadContext<'_>,
-    ) -> Result<HeightTile, TileLoadError> {
-        load_tile(reader, load_context, HeightTile::decode).await
-    }
-
-    fn extensions(&self) -> &[&str] {
-        EXTENSIONS
-    }
-}
-
-impl AssetLoader for DensityTileLoader {
-    type Asset = DensityTile;
-    type Settings = ();
-    type Error = TileLoadError;
-
-    async fn load(
-        &self,
-        reader: &mut dyn Reader,
-        _settings: &(),
-        load_context: &mut LoadContext<'_>,
-    ) -> Result<DensityTile, TileLoadError> {
-        load_tile(reader, load_context, DensityTile::decode).await
-    }
-
-    fn extensions(&self) -> &[&str] {
-        EXTENSIONS
-    }
-}
-
-async fn load_tile<T>(
-    reader: &mut dyn Reader,
-    load_context: &LoadContext<'_>,
-    decode: fn(&[u8], TileAddress) -> Result<T, TileFormatError>,
-) -> Result<T, TileLoadError> {
-    let path = || load_context.path().to_string();
-    let address = address_of(load_context.path().path())
-        .ok_or_else(|| TileLoadError::Path { path: path() })?;
-    let mut bytes = Vec::new();
-    reader
-        .read_to_end(&mut bytes)
-        .await
-        .map_err(|reason| TileLoadError::Read {
+    ) -> Result<TerrainTile, TileLoadError> {
+        let path = || load_context.path().to_string();
+        let address = address_of(load_context.path().path())
+            .ok_or_else(|| TileLoadError::Path { path: path() })?;
+        let mut bytes = Vec::new();
+        reader
+            .read_to_end(&mut bytes)
+            .await
+            .map_err(|reason| TileLoadError::Read {
+                path: path(),
+                reason,
+            })?;
+        TerrainTile::decode(&bytes, address).map_err(|reason| TileLoadError::Format {
             path: path(),
             reason,
-        })?;
-    decode(&bytes, address).map_err(|reason| TileLoadError::Format {
-        path: path(),
-        reason,
-    })
+        })
+    }
+
+    fn extensions(&self) -> &[&str] {
+        EXTENSIONS
+    }
 }
 
 /// The address that a path `.../{level}/{x}_{z}.{extension}` names.
@@ -123,8 +90,8 @@ mod tests {
     fn a_tiles_path_names_its_address() {
         let address = TileAddress::new(3, 17, 4);
         let at = |path: String| address_of(Path::new(&path));
-        assert_eq!(at(HeightTile::path(address)), Some(address));
-        let deep = format!("worlds/alps/{}", HeightTile::path(address));
+        assert_eq!(at(TerrainTile::path(address)), Some(address));
+        let deep = format!("worlds/alps/{}", TerrainTile::path(address));
         assert_eq!(at(deep), Some(address));
         for bad in [
             "1_2.tile",

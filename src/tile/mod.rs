@@ -11,6 +11,7 @@ mod height;
 mod index;
 #[cfg(feature = "ecs")]
 mod loader;
+mod whole;
 
 pub use address::TileAddress;
 pub use density::DensityTile;
@@ -18,7 +19,8 @@ pub use format::{TileFormatError, TileKind};
 pub use height::HeightTile;
 pub use index::{LevelIndex, TileIndex, TileRange};
 #[cfg(feature = "ecs")]
-pub use loader::{DensityTileLoader, HeightTileLoader, TileLoadError};
+pub use loader::{TerrainTileLoader, TileLoadError};
+pub use whole::TerrainTile;
 
 /// The file in a terrain's folder that holds a tile.
 #[must_use]

@@ -3,7 +3,7 @@
 
 use bevy_tessera::bake::{self, BakeReport, BakeSettings, HeightSource, MemorySource};
 use bevy_tessera::terrain::{ManifestFile, TerrainManifest};
-use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress};
+use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress, tile_path};
 use std::path::{Path, PathBuf};
 
 /// A rough landscape without any symmetry: waves, a cliff, and noise.
@@ -42,13 +42,13 @@ pub fn manifest(dir: &Path) -> TerrainManifest {
 }
 
 pub fn heights(dir: &Path, address: TileAddress) -> HeightTile {
-    let path = dir.join(HeightTile::path(address));
+    let path = dir.join(tile_path(address));
     let bytes = std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     HeightTile::decode(&bytes, address).expect("the tile is good")
 }
 
 pub fn densities(dir: &Path, address: TileAddress) -> DensityTile {
-    let path = dir.join(DensityTile::path(address));
+    let path = dir.join(tile_path(address));
     let bytes = std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     DensityTile::decode(&bytes, address).expect("the tile is good")
 }

@@ -14,10 +14,10 @@ use bevy_tessera::render::{
     GpuFaceFactors, GpuTerrainDrawArgs, GpuTerrainMeshes, GpuTerrainVertex, TerrainNodes,
     TerrainRenderSystems, factor_view,
 };
-use bevy_tessera::stream::{TerrainState, TerrainTiles, TileDensities, TileHeights};
+use bevy_tessera::stream::{TerrainState, TerrainTiles, TileData};
 use bevy_tessera::terrain::{Terrain, TerrainCamera, TerrainSettings};
 use bevy_tessera::tessellate::{FaceFactors, FactorView, Pages, TerrainVertex, ViewMesh};
-use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress};
+use bevy_tessera::tile::{TerrainTile, TileAddress};
 use bevy_tessera::view::TerrainViews;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -168,18 +168,11 @@ impl Kernels {
         let camera = world.get::<Camera>(self.camera).unwrap();
         let file = &state.manifest().file;
         let mut pages = Pages::default();
-        let heights = world.resource::<Assets<HeightTile>>();
-        let densities = world.resource::<Assets<DensityTile>>();
+        let tiles = world.resource::<Assets<TerrainTile>>();
         for tile in world.get::<TerrainTiles>(self.terrain).unwrap().iter() {
             let address = *world.get::<TileAddress>(tile).unwrap();
-            let height = heights.get(&world.get::<TileHeights>(tile).unwrap().0);
-            pages
-                .heights
-                .insert(address, Arc::new(height.unwrap().clone()));
-            let density = densities.get(&world.get::<TileDensities>(tile).unwrap().0);
-            pages
-                .densities
-                .insert(address, Arc::new(density.unwrap().clone()));
+            let data = tiles.get(&world.get::<TileData>(tile).unwrap().0);
+            pages.tiles.insert(address, Arc::new(data.unwrap().clone()));
         }
         let nodes = world.get::<TerrainNodes>(self.camera).unwrap().nodes[&self.terrain].clone();
 

@@ -13,6 +13,17 @@ const SPACING_M: f32 = 2.0;
 /// Farther than this nothing is looked for.
 const FAR_M: f32 = 3000.0;
 
+/// Two shadow cascades that reach over the landscape.
+pub fn two_cascades() -> bevy::light::CascadeShadowConfig {
+    bevy::light::CascadeShadowConfigBuilder {
+        num_cascades: 2,
+        first_cascade_far_bound: 400.0,
+        maximum_distance: 1500.0,
+        ..Default::default()
+    }
+    .build()
+}
+
 /// A test binary's own asset folder, emptied, with [`hills`] baked into it.
 pub fn assets_with_hills(binary: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{binary}/assets"));

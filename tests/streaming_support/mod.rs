@@ -14,8 +14,8 @@ use bevy_tessera::terrain::{
     TileLoaded,
 };
 use bevy_tessera::tile::{
-    DENSITY_STORED, DensityTile, HeightTile, TILE_BORDER, TILE_STORED, TileAddress, TileIndex,
-    encode_tile, tile_path,
+    DENSITY_STORED, DensityTile, HeightTile, TILE_BORDER, TILE_STORED, TerrainTile, TileAddress,
+    TileIndex, encode_tile, tile_path,
 };
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -227,13 +227,12 @@ impl World3 {
         });
     }
 
-    /// Manifests, height tiles and density tiles that are in memory.
-    pub fn assets(&self) -> [usize; 3] {
+    /// Manifests and tiles that are in memory.
+    pub fn assets(&self) -> [usize; 2] {
         let world = self.app.world();
         [
             world.resource::<Assets<TerrainManifest>>().len(),
-            world.resource::<Assets<HeightTile>>().len(),
-            world.resource::<Assets<DensityTile>>().len(),
+            world.resource::<Assets<TerrainTile>>().len(),
         ]
     }
 

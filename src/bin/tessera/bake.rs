@@ -4,7 +4,7 @@ use crate::density::DensityArgs;
 use crate::progress::Bar;
 use crate::text::{metres, peak_memory_mib, range, rounded, size};
 use bevy_tessera::bake::import::{self, ImportSettings, Packing};
-use bevy_tessera::bake::{self, BakeReport, BakeSettings};
+use bevy_tessera::bake::{self, BakeError, BakeReport, BakeSettings, HeightSource};
 use bevy_tessera::density::DensitySettings;
 use clap::Args;
 use std::error::Error;
@@ -82,10 +82,7 @@ pub fn bake(args: &BakeArgs) -> Result<ExitCode, Box<dyn Error>> {
     let mut source = import::open(&args.input, &import)?;
     let notes = source.notes();
     let has_spacing = args.spacing_m.or(source.spacing_m()).is_some();
-    let progress = Bar::default();
-    let result = bake::bake(&mut *source, &args.out, &settings, &progress);
-    progress.clear();
-    let report = result?;
+    let report = bake_shown(&mut *source, &args.out, &settings)?;
 
     let mut out = std::io::stdout().lock();
     let name = args.input.display();
@@ -101,6 +98,18 @@ pub fn bake(args: &BakeArgs) -> Result<ExitCode, Box<dyn Error>> {
     }
     print_report(&mut out, &args.out, &report)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// A bake whose progress is shown.
+pub fn bake_shown(
+    source: &mut dyn HeightSource,
+    out: &Path,
+    settings: &BakeSettings,
+) -> Result<BakeReport, BakeError> {
+    let progress = Bar::default();
+    let result = bake::bake(source, out, settings, &progress);
+    progress.clear();
+    result
 }
 
 pub fn print_report(out: &mut impl Write, dir: &Path, report: &BakeReport) -> std::io::Result<()> {

@@ -2,12 +2,11 @@
 
 use crate::inspect::describe;
 use crate::progress::Bar;
-use crate::text::{in_folder, peak_memory_mib};
+use crate::text::{in_folder, named, peak_memory_mib};
 use bevy_tessera::bake;
 use bevy_tessera::density::{DensityBorder, DensityFilter, DensitySettings, DensitySettingsError};
 use bevy_tessera::terrain::TerrainManifest;
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::error::Error;
 use std::io::Write;
 use std::path::Path;
@@ -18,7 +17,7 @@ use std::process::ExitCode;
 #[command(next_help_heading = "Density")]
 pub struct DensityArgs {
     /// Estimate of curvature: `mean` suits most ground; `principal` also sees symmetric saddles.
-    #[arg(long, value_name = "FILTER", value_parser = filters())]
+    #[arg(long, value_name = "FILTER", value_parser = named(DensityFilter::ALL, DensityFilter::name))]
     filter: Option<DensityFilter>,
     /// Scale of curvature before it is clamped, 0.001 to 1000: higher spends triangles on gentler
     /// ground. [1 for a new terrain]
@@ -54,18 +53,8 @@ pub struct DensityArgs {
     preprocess: bool,
     /// Texels along tiles' borders in coarser levels: like all others, or point-sampled so that a
     /// border is the same at all levels.
-    #[arg(long, value_name = "SCHEME", value_parser = borders())]
+    #[arg(long, value_name = "SCHEME", value_parser = named(DensityBorder::ALL, DensityBorder::name))]
     border: Option<DensityBorder>,
-}
-
-fn filters() -> impl TypedValueParser<Value = DensityFilter> {
-    PossibleValuesParser::new(DensityFilter::ALL.map(DensityFilter::name))
-        .try_map(|name| name.parse::<DensityFilter>())
-}
-
-fn borders() -> impl TypedValueParser<Value = DensityBorder> {
-    PossibleValuesParser::new(DensityBorder::ALL.map(DensityBorder::name))
-        .try_map(|name| name.parse::<DensityBorder>())
 }
 
 impl DensityArgs {

@@ -1,16 +1,14 @@
 //! `tessera generate`.
 
-use crate::bake::print_report;
+use crate::bake::{bake_shown, print_report};
 use crate::density::DensityArgs;
-use crate::progress::Bar;
-use crate::text::{size, whole};
+use crate::text::{named, size, whole};
 use bevy_tessera::bake::generate::{
     GenerateSettings, GeneratedSource, GeneratorKind, MAX_WAVELENGTH_M, OCTAVES_RANGE,
 };
 use bevy_tessera::bake::{self, BakeSettings};
 use bevy_tessera::density::DensitySettings;
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::error::Error;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -23,7 +21,7 @@ const MAX_CHOSEN_RELIEF_M: f64 = 8000.0;
 pub struct GenerateArgs {
     /// How the ground is made: rolling hills (fbm), sharp crests (ridged), crests among hills
     /// (hybrid), or the classic (diamond-square).
-    #[arg(value_name = "KIND", value_parser = kinds())]
+    #[arg(value_name = "KIND", value_parser = named(GeneratorKind::ALL, GeneratorKind::as_str))]
     kind: GeneratorKind,
     /// The terrain's folder, which will be made.
     #[arg(long, short, value_name = "DIR")]
@@ -91,11 +89,6 @@ pub struct GenerateArgs {
     force: bool,
 }
 
-fn kinds() -> impl TypedValueParser<Value = GeneratorKind> {
-    PossibleValuesParser::new(GeneratorKind::ALL.map(GeneratorKind::as_str))
-        .try_map(|name| name.parse::<GeneratorKind>())
-}
-
 impl GenerateArgs {
     fn settings(&self) -> GenerateSettings {
         let plain = GenerateSettings::new(self.kind, self.size);
@@ -136,9 +129,7 @@ pub fn generate(args: &GenerateArgs) -> Result<ExitCode, Box<dyn Error>> {
         force: args.force,
         ..Default::default()
     };
-    let progress = Bar::default();
-    let result = bake::bake(&mut source, &args.out, &settings, &progress);
-    progress.clear();
-    print_report(&mut std::io::stdout().lock(), &args.out, &result?)?;
+    let report = bake_shown(&mut source, &args.out, &settings)?;
+    print_report(&mut std::io::stdout().lock(), &args.out, &report)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -1,10 +1,9 @@
 //! `tessera preview`.
 
-use crate::text::{rounded, significant, whole};
+use crate::text::{named, rounded, significant, whole};
 use bevy_tessera::bake::{self, PreviewKind, PreviewSettings};
 use bevy_tessera::terrain::MAX_LEVELS;
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::error::Error;
 use std::io::Write;
 use std::path::PathBuf;
@@ -18,7 +17,7 @@ pub struct PreviewArgs {
     #[arg(long, short, value_name = "PNG")]
     out: PathBuf,
     /// What is drawn; `all` is the three others side by side.
-    #[arg(long, value_name = "KIND", value_parser = kinds(), default_value = "all")]
+    #[arg(long, value_name = "KIND", value_parser = named(PreviewKind::ALL, PreviewKind::name), default_value = "all")]
     kind: PreviewKind,
     /// Longest side of one picture in pixels, 16 to 8192.
     #[arg(
@@ -57,11 +56,6 @@ pub struct PreviewArgs {
     /// slopes.
     #[arg(long, value_name = "FACTOR", allow_hyphen_values = true)]
     exaggeration: Option<f64>,
-}
-
-fn kinds() -> impl TypedValueParser<Value = PreviewKind> {
-    PossibleValuesParser::new(PreviewKind::ALL.map(PreviewKind::name))
-        .try_map(|name| name.parse::<PreviewKind>())
 }
 
 pub fn preview(args: &PreviewArgs) -> Result<ExitCode, Box<dyn Error>> {

@@ -1,5 +1,6 @@
 //! Numbers and options in words.
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::error::Error;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
@@ -19,6 +20,17 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
     let (width, height) = text.split_once(['x', 'X']).ok_or_else(wanted)?;
     let number = |text: &str| text.trim().parse::<u32>().map_err(|_| wanted());
     Ok([number(width)?, number(height)?])
+}
+
+/// A parser of what has one of a few names.
+pub fn named<T, const N: usize>(
+    all: [T; N],
+    name: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T>
+where
+    T: FromStr<Err: Error + Send + Sync + 'static> + Clone + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(all.map(name)).try_map(|name| name.parse::<T>())
 }
 
 /// A parser of whole numbers in a range. Whatever it refuses, it names the range.

@@ -7,8 +7,8 @@
 #import bevy_tessera::height::height_m
 #import bevy_tessera::edge_density::{edge_density, face_density}
 #import bevy_tessera::face::{
-    FaceFactors, face_corners, face_counts, face_vertices, face_triangles, pack_factors,
-    point_before, scaled_factors,
+    FaceFactors, face_corners, face_counts, face_place, face_places_around, face_vertices,
+    face_triangles, pack_factors, point_before, scaled_factors,
 }
 
 var<workgroup> vertex_totals: array<atomic<u32>, 7>;
@@ -62,10 +62,9 @@ fn classify(
             for (var k = 0u; k < 4u; k++) {
                 heights[k] = height_m(corners[k], lambda_at(corners[k], node.level));
             }
-            let side = 1u << terrain_view.faces_shift;
-            let ij = vec2<i32>(vec2(face % side, face / side));
-            var around = array(vec2(0, 0), vec2(1, 0), vec2(1, 1), vec2(0, 1));
-            let inside = face_density(node.level, node.origin, ij);
+            let place = face_place(face);
+            var places = face_places_around(place);
+            let inside = face_density(node.level, node.origin, place);
             var factors: FaceFactors;
             var insides: vec4<u32>;
             for (var e = 0u; e < 4u; e++) {
@@ -74,7 +73,7 @@ fn classify(
                 let a = select(next, e, forward);
                 let b = select(e, next, forward);
                 let edge = project_edge(corners[a], heights[a], corners[b], heights[b]);
-                let density = edge_density(node.level, node.origin, ij + around[e], ij + around[next]);
+                let density = edge_density(node.level, node.origin, places[e], places[next]);
                 factors.edges[e] = edge_factor(edge, density);
                 insides[e] = edge_factor(edge, inside);
             }

@@ -2,10 +2,10 @@
 
 // Twin of `src/tessellate/edge_density.rs`: how finely ground deserves to be cut, in integers.
 
-#import bevy_tessera::types::{ONE, PAGES_ACROSS, DENSITY_TEXELS}
-#import bevy_tessera::bindings::{terrain_view, page_table, density_pages}
-#import bevy_tessera::lattice::{clamp_point, field_at, morph, node_shift}
-#import bevy_tessera::height::page_layer
+#import bevy_tessera::types::{ONE, DENSITY_TEXELS}
+#import bevy_tessera::bindings::{terrain_view, density_pages}
+#import bevy_tessera::lattice::{clamp_point, face_size, field_at, morph}
+#import bevy_tessera::height::{page_layer, page_place, tile_at, tile_page}
 
 // Lattice units along the side of a density texel, as a power of two.
 fn texel_shift(level: u32) -> u32 {
@@ -14,13 +14,10 @@ fn texel_shift(level: u32) -> u32 {
 
 // The stored density at p, of one level.
 fn level_density(p: vec2<i32>, level: u32) -> u32 {
-    let last = max(terrain_view.extent - 1, vec2(0)) >> vec2(node_shift(i32(level)));
-    let tile = clamp(p >> vec2(node_shift(i32(level))), vec2(0), last);
-    let level_tiles = terrain_view.tiles[level];
-    let page = page_table[level_tiles.x + u32(tile.y) * level_tiles.y + u32(tile.x)];
+    let tile = tile_at(p, level);
+    let page = tile_page(tile, level);
     let texel = min((p >> vec2(texel_shift(level))) - tile * DENSITY_TEXELS, vec2(DENSITY_TEXELS - 1));
-    let origin = vec2<i32>(vec2(page % PAGES_ACROSS, (page / PAGES_ACROSS) % PAGES_ACROSS));
-    let at = origin * DENSITY_TEXELS + texel;
+    let at = page_place(page) * DENSITY_TEXELS + texel;
     return textureLoad(density_pages, at, page_layer(page), 0).r;
 }
 
@@ -59,10 +56,6 @@ fn square_density(centre: vec2<i32>, half: i32, level: i32) -> u32 {
     return largest;
 }
 
-fn face_step(level: i32) -> i32 {
-    return 1 << (node_shift(level) - terrain_view.faces_shift);
-}
-
 // 8.8 values blended by a morph, in 8.16.
 fn blend_densities(fine: u32, coarse: u32, amount: i32) -> u32 {
     return (fine * u32(ONE - amount) + coarse * u32(amount)) >> 8u;
@@ -70,7 +63,7 @@ fn blend_densities(fine: u32, coarse: u32, amount: i32) -> u32 {
 
 // The density of the edge between two control vertices of a node, in 8.16.
 fn edge_density(level: i32, origin: vec2<i32>, a: vec2<i32>, b: vec2<i32>) -> u32 {
-    let step = face_step(level);
+    let step = face_size(level);
     // Written so that no sum of two places leaves 32 bits.
     let middle = origin + a * step + (b - a) * (step / 2);
     let density = square_density(middle, step / 2, level);
@@ -87,7 +80,7 @@ fn edge_density(level: i32, origin: vec2<i32>, a: vec2<i32>, b: vec2<i32>) -> u3
 
 // The density of the inside of a face, in 8.16.
 fn face_density(level: i32, origin: vec2<i32>, ij: vec2<i32>) -> u32 {
-    let step = face_step(level);
+    let step = face_size(level);
     let corner = origin + ij * step;
     let density = square_density(corner + step / 2, step / 2, level);
     let amount = morph(clamp_point(corner + step / 2), level);

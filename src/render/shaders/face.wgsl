@@ -102,14 +102,23 @@ fn segment_parameter(wanted: u32, count: u32, index: u32) -> i32 {
     return select(i32(t), ONE - i32(t), mirrored);
 }
 
+// Column and row of face `index` in its node.
+fn face_place(index: u32) -> vec2<i32> {
+    let side = 1u << terrain_view.faces_shift;
+    return vec2<i32>(vec2(index % side, index / side));
+}
+
+// The corners of a face in its node, around it, counted in faces.
+fn face_places_around(first: vec2<i32>) -> array<vec2<i32>, 4> {
+    return array(first, first + vec2(1, 0), first + vec2(1, 1), first + vec2(0, 1));
+}
+
 // The corners of face `index` of a node, around it.
 fn face_corners(node: TerrainNode, index: u32) -> array<vec2<i32>, 4> {
-    let side = 1u << terrain_view.faces_shift;
-    let first = vec2<i32>(vec2(index % side, index / side));
-    var offsets = array(vec2(0, 0), vec2(1, 0), vec2(1, 1), vec2(0, 1));
+    var places = face_places_around(face_place(index));
     var corners: array<vec2<i32>, 4>;
     for (var k = 0u; k < 4u; k++) {
-        corners[k] = control_vertex(node.origin, node.level, first + offsets[k]);
+        corners[k] = control_vertex(node.origin, node.level, places[k]);
     }
     return corners;
 }

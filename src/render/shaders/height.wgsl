@@ -6,22 +6,36 @@
 #import bevy_tessera::bindings::{terrain_view, page_table, height_pages}
 #import bevy_tessera::lattice::node_shift
 
-// First texel of a page in its atlas layer.
+// Column and row of a page in its atlas layer.
+fn page_place(page: u32) -> vec2<i32> {
+    return vec2<i32>(vec2(page % PAGES_ACROSS, (page / PAGES_ACROSS) % PAGES_ACROSS));
+}
+
+// First texel of a page of heights in its atlas layer.
 fn page_origin(page: u32) -> vec2<i32> {
-    return vec2<i32>(vec2(page % PAGES_ACROSS, (page / PAGES_ACROSS) % PAGES_ACROSS)) * TILE_STORED;
+    return page_place(page) * TILE_STORED;
 }
 
 fn page_layer(page: u32) -> u32 {
     return page / (PAGES_ACROSS * PAGES_ACROSS);
 }
 
-// Stored height at p read from one level, bilinear between samples.
-fn level_height(p: vec2<i32>, level: u32) -> f32 {
+// The tile of a level that holds p; the terrain's last point belongs to the last tile.
+fn tile_at(p: vec2<i32>, level: u32) -> vec2<i32> {
     let log2 = node_shift(i32(level));
     let last = max(terrain_view.extent - 1, vec2(0)) >> vec2(log2);
-    let tile = clamp(p >> vec2(log2), vec2(0), last);
+    return clamp(p >> vec2(log2), vec2(0), last);
+}
+
+fn tile_page(tile: vec2<i32>, level: u32) -> u32 {
     let level_tiles = terrain_view.tiles[level];
-    let page = page_table[level_tiles.x + u32(tile.y) * level_tiles.y + u32(tile.x)];
+    return page_table[level_tiles.x + u32(tile.y) * level_tiles.y + u32(tile.x)];
+}
+
+// Stored height at p read from one level, bilinear between samples.
+fn level_height(p: vec2<i32>, level: u32) -> f32 {
+    let tile = tile_at(p, level);
+    let page = tile_page(tile, level);
 
     let shift = terrain_view.unit_shift + level;
     let sample = p >> vec2(shift);

@@ -68,8 +68,13 @@ fn clamp_point(p: vec2<i32>) -> vec2<i32> {
     return clamp(p, vec2(0), terrain_view.extent);
 }
 
+// Lattice units along the side of a face.
+fn face_size(level: i32) -> i32 {
+    return 1 << (node_shift(level) - terrain_view.faces_shift);
+}
+
 fn control_vertex(origin: vec2<i32>, level: i32, ij: vec2<i32>) -> vec2<i32> {
-    let step = 1 << (node_shift(level) - terrain_view.faces_shift);
+    let step = face_size(level);
     let grid = origin + ij * step;
     let slide = scale(step, morph(clamp_point(grid), level));
     return clamp_point(grid - (ij & vec2(1)) * slide);
