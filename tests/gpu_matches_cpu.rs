@@ -134,5 +134,11 @@ fn a_view_that_wants_more_than_its_buffers_hold_is_brought_down_as_a_whole() {
     assert_eq!(frame.args.wanted_vertices, whole.args.vertices);
     compare(&kernels, &frame);
     let state = kernels.state();
-    common::manifold::check(state.lattice(), &frame.vertices, &frame.triangles).unwrap();
+    common::manifold::check(
+        state.lattice(),
+        &frame.vertices,
+        &frame.triangles,
+        frame.settings.partitioning,
+    )
+    .unwrap();
 }

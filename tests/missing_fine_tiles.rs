@@ -87,7 +87,13 @@ fn what_is_not_stored_is_drawn_from_its_ancestor() {
     );
     state.validate().unwrap();
     let lattice = state.lattice();
-    manifold::check(lattice, &frame.vertices, &frame.triangles).unwrap();
+    manifold::check(
+        lattice,
+        &frame.vertices,
+        &frame.triangles,
+        frame.settings.partitioning,
+    )
+    .unwrap();
 
     let seam = (seam_tiles << (7 + u32::from(KEPT_LEVEL)) << lattice.unit_log2).cast_signed();
     let mut fine = 0;

@@ -95,7 +95,7 @@ fn build(
         max_triangles: u32::MAX,
     }
     .build(&nodes);
-    manifold::check(lattice, &mesh.vertices, &mesh.triangles)?;
+    manifold::check(lattice, &mesh.vertices, &mesh.triangles, partitioning)?;
     Ok(levels.len())
 }
 
@@ -172,7 +172,7 @@ fn twin_of_a_broken_view(
         .collect();
     break_factors(&mut factors);
     let mesh = twin.build_with(&faces, factors);
-    manifold::check(&lattice, &mesh.vertices, &mesh.triangles)
+    manifold::check(&lattice, &mesh.vertices, &mesh.triangles, twin.partitioning)
 }
 
 #[test]
@@ -271,7 +271,12 @@ mod on_the_gpu {
             let frame = kernels.frame();
             deep += usize::from(frame.levels() >= 3);
             let lattice = kernels.state().lattice();
-            if let Err(wrong) = manifold::check(lattice, &frame.vertices, &frame.triangles) {
+            if let Err(wrong) = manifold::check(
+                lattice,
+                &frame.vertices,
+                &frame.triangles,
+                frame.settings.partitioning,
+            ) {
                 panic!("eye {n} at {place}: {wrong}");
             }
         }
@@ -304,7 +309,13 @@ mod on_the_gpu {
         let torn = (0..5).any(|_| {
             let frame = kernels.frame();
             let lattice = kernels.state().lattice();
-            manifold::check(lattice, &frame.vertices, &frame.triangles).is_err()
+            manifold::check(
+                lattice,
+                &frame.vertices,
+                &frame.triangles,
+                frame.settings.partitioning,
+            )
+            .is_err()
         });
         assert!(torn);
     }

@@ -112,6 +112,7 @@ impl Plugin for TerrainRenderPlugin {
         load_shader_library!(app, "shaders/lattice.wgsl");
         load_shader_library!(app, "shaders/height.wgsl");
         load_shader_library!(app, "shaders/edge_density.wgsl");
+        load_shader_library!(app, "shaders/strip.wgsl");
         load_shader_library!(app, "shaders/face.wgsl");
         load_shader_library!(app, "shaders/scan.wgsl");
         load_shader_library!(app, "shaders/surface.wgsl");

@@ -1,8 +1,23 @@
 //! One face: its vertices and its triangles, each computable alone from its number.
 
+use super::partition::rise;
+use super::strip::Row;
 use super::{Partitioning, scaled_factor, segment_count, segment_parameter};
-use crate::lattice::lerp;
+use crate::lattice::{ONE, lerp};
 use glam::IVec2;
+
+/// Whether the edge between `a` and `b` runs from `a` to `b`: along the axis on which they lie
+/// further apart, so that the direction doesn't turn while the ends morph. Both faces beside an edge,
+/// of whatever level, agree.
+#[must_use]
+pub fn runs_forward(a: IVec2, b: IVec2) -> bool {
+    let d = b - a;
+    if d.x.abs() >= d.y.abs() {
+        d.x > 0 || (d.x == 0 && d.y >= 0)
+    } else {
+        d.y > 0
+    }
+}
 
 /// Fixed-point factors of a face.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +53,37 @@ pub struct Face {
     pub partitioning: Partitioning,
 }
 
+/// Where a vertex of a face comes to stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FaceVertex {
+    /// The lattice point that its height is read at.
+    pub point: IVec2,
+    /// The two vertices of the coarser mesh that it rises from the middle of.
+    pub parents: [IVec2; 2],
+    /// How far it has risen, `0..=ONE`; `ONE` for vertices without parents.
+    pub rise: i32,
+}
+
+impl FaceVertex {
+    const fn settled(point: IVec2) -> Self {
+        Self {
+            point,
+            parents: [point; 2],
+            rise: ONE,
+        }
+    }
+
+    /// The lattice point where it is drawn.
+    #[must_use]
+    pub fn drawn(&self) -> IVec2 {
+        if self.rise == ONE {
+            return self.point;
+        }
+        let [a, b] = self.parents;
+        lerp((a + b) >> 1, self.point, self.rise)
+    }
+}
+
 /// Segments of a face, and what follows from them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaceCounts {
@@ -46,6 +92,9 @@ pub struct FaceCounts {
     /// Segments of the inner grid in both directions, counting the rings that join it to the
     /// edges; 0 where the face is two triangles.
     pub inner: [u32; 2],
+    /// Whether the inner grid reaches the edges and takes their vertices for its own outermost ones
+    /// ([`Partitioning::PowerOfTwoMorph`]).
+    pub nested: bool,
 }
 
 impl FaceCounts {
@@ -64,6 +113,9 @@ impl FaceCounts {
         if self.inner[0] == 0 {
             return 2;
         }
+        if self.nested {
+            return 2 * self.inner[0] * self.inner[1];
+        }
         let [across, down] = self.inner.map(|segments| segments - 2);
         2 * across * down + self.edge.iter().sum::<u32>() + 2 * (across + down)
     }
@@ -71,11 +123,15 @@ impl FaceCounts {
 
 impl Face {
     /// The fixed-point factors inside, across and down: the largest of two opposite edges and of
-    /// what the inside asks for.
+    /// what the inside asks for; where the grid reaches the edges, one for both.
     #[must_use]
     pub fn inner_factors(&self) -> [u32; 2] {
         let FaceFactors { edges: f, inside } = self.factors;
-        [f[0].max(f[2]).max(inside[0]), f[1].max(f[3]).max(inside[1])]
+        let inner = [f[0].max(f[2]).max(inside[0]), f[1].max(f[3]).max(inside[1])];
+        if self.partitioning == Partitioning::PowerOfTwoMorph {
+            return [inner[0].max(inner[1]); 2];
+        }
+        inner
     }
 
     /// How many segments, vertices and triangles the face has.
@@ -89,15 +145,18 @@ impl Face {
         } else {
             inner.map(|f| count(f, true))
         };
-        FaceCounts { edge, inner }
+        FaceCounts {
+            edge,
+            inner,
+            nested: self.partitioning == Partitioning::PowerOfTwoMorph,
+        }
     }
 
     /// Cut `i` of edge `e`, from corner `e` on. The edge is cut in canonical direction, so the
     /// face on its other side gets the same points.
     fn edge_point(&self, e: usize, count: u32, i: u32) -> IVec2 {
         let (a, b) = (self.corners[e], self.corners[(e + 1) % 4]);
-        let forward = (a.x, a.y) <= (b.x, b.y);
-        let (low, high, i) = if forward {
+        let (low, high, i) = if runs_forward(a, b) {
             (a, b, i)
         } else {
             (b, a, count - i)
@@ -106,26 +165,60 @@ impl Face {
         lerp(low, high, t)
     }
 
-    /// Lattice point of vertex `index`: the edges' vertices in order, then the inner grid's.
+    /// Place `(i, j)` of the inner grid.
+    fn grid_point(&self, counts: &FaceCounts, i: u32, j: u32) -> IVec2 {
+        let (u, v) = if counts.nested {
+            (
+                ((i << 16) / counts.inner[0]).cast_signed(),
+                ((j << 16) / counts.inner[1]).cast_signed(),
+            )
+        } else {
+            let [across, down] = self.inner_factors();
+            (
+                segment_parameter(self.partitioning, across, counts.inner[0], i),
+                segment_parameter(self.partitioning, down, counts.inner[1], j),
+            )
+        };
+        let [c00, c10, c11, c01] = self.corners;
+        lerp(lerp(c00, c10, u), lerp(c01, c11, u), v)
+    }
+
+    /// Place `(i, j)` of a grid that reaches the edges, rim included.
+    fn nested_point(&self, counts: &FaceCounts, i: u32, j: u32) -> IVec2 {
+        match counts.rim(i, j) {
+            Some((e, cut)) => self.edge_point(e, counts.edge[e], cut),
+            None => self.grid_point(counts, i, j),
+        }
+    }
+
+    /// Vertex `index`: the edges' vertices in order, then the inner grid's.
     #[must_use]
-    pub fn vertex(&self, counts: &FaceCounts, index: u32) -> IVec2 {
+    pub fn vertex(&self, counts: &FaceCounts, index: u32) -> FaceVertex {
         if counts.inner[0] == 0 {
-            return self.corners[index as usize];
+            return FaceVertex::settled(self.corners[index as usize]);
         }
         let mut rest = index;
         for e in 0..4 {
             if rest < counts.edge[e] {
-                return self.edge_point(e, counts.edge[e], rest);
+                return FaceVertex::settled(self.edge_point(e, counts.edge[e], rest));
             }
             rest -= counts.edge[e];
         }
         let columns = counts.inner[0] - 1;
         let (i, j) = (rest % columns + 1, rest / columns + 1);
-        let [across, down] = self.inner_factors();
-        let u = segment_parameter(self.partitioning, across, counts.inner[0], i);
-        let v = segment_parameter(self.partitioning, down, counts.inner[1], j);
-        let [c00, c10, c11, c01] = self.corners;
-        lerp(lerp(c00, c10, u), lerp(c01, c11, u), v)
+        let point = self.grid_point(counts, i, j);
+        let (odd_i, odd_j) = (i % 2, j % 2);
+        if !counts.nested || odd_i + odd_j == 0 {
+            return FaceVertex::settled(point);
+        }
+        FaceVertex {
+            point,
+            parents: [
+                self.nested_point(counts, i - odd_i, j - odd_j),
+                self.nested_point(counts, i + odd_i, j + odd_j),
+            ],
+            rise: rise(self.inner_factors()[0], counts.inner[0]),
+        }
     }
 
     /// Vertex numbers of triangle `index`, counter-clockwise seen from above.
@@ -134,18 +227,19 @@ impl Face {
         if counts.inner[0] == 0 {
             return [[0, 2, 1], [0, 3, 2]][index as usize];
         }
-        let [columns, rows] = counts.inner.map(|segments| segments - 1);
         let first_inner: u32 = counts.edge.iter().sum();
+        if counts.nested {
+            let side = counts.inner[0];
+            let (i, j) = ((index / 2) % side, (index / 2) / side);
+            return quad_triangle(index, i, j, |i, j| counts.nested_vertex(i, j));
+        }
+        let columns = counts.inner[0] - 1;
+        let [across, down] = counts.inner.map(|segments| segments - 2);
         let inner = |i: u32, j: u32| first_inner + j * columns + i;
-        let (across, down) = (columns - 1, rows - 1);
         let grid = 2 * across * down;
         if index < grid {
             let (i, j) = ((index / 2) % across, (index / 2) / across);
-            return if index.is_multiple_of(2) {
-                [inner(i, j), inner(i + 1, j + 1), inner(i + 1, j)]
-            } else {
-                [inner(i, j), inner(i, j + 1), inner(i + 1, j + 1)]
-            };
+            return quad_triangle(index, i, j, inner);
         }
         let mut rest = index - grid;
         let mut first_outer = 0;
@@ -164,15 +258,15 @@ impl Face {
                 2 => inner(across - i, down),
                 _ => inner(0, down - i),
             };
-            // The two rows of segments are merged by the position of their middles, outer first
-            // where they tie; each triangle finds its own partner.
+            let (outer_row, ring_row) = (Row::edge(outer_count), Row::ring(inner_count));
+            // Each triangle finds its own partner in the other row; outer segments first where two
+            // share a slot.
             return if rest < outer_count {
-                let i = rest;
-                let j = middles_before(2 * i + 1, outer_count, inner_count, false);
-                [outer(i), ring(j), outer(i + 1)]
+                let j = ring_row.before(outer_row.slot(rest));
+                [outer(rest), ring(j), outer(rest + 1)]
             } else {
                 let j = rest - outer_count;
-                let i = middles_before(2 * j + 1, inner_count, outer_count, true);
+                let i = outer_row.before(ring_row.slot(j) + 1);
                 [ring(j), ring(j + 1), outer(i)]
             };
         }
@@ -180,15 +274,48 @@ impl Face {
     }
 }
 
-/// How many of `other` equal segments have their middle before the place `odd / (2 * count)`,
-/// counting one exactly there if `ties`.
-fn middles_before(odd: u32, count: u32, other: u32, ties: bool) -> u32 {
-    // Middle k lies at (2 k + 1) / (2 other): count k with (2 k + 1) * count < odd * other.
-    let reach = odd * other;
-    let reach = if ties {
-        reach
+/// Triangle `index` (by its last bit) of the quad with corner `(i, j)`.
+fn quad_triangle(index: u32, i: u32, j: u32, vertex: impl Fn(u32, u32) -> u32) -> [u32; 3] {
+    if index.is_multiple_of(2) {
+        [vertex(i, j), vertex(i + 1, j + 1), vertex(i + 1, j)]
     } else {
-        reach - u32::from(reach > 0)
-    };
-    (reach / count).div_ceil(2).min(other)
+        [vertex(i, j), vertex(i, j + 1), vertex(i + 1, j + 1)]
+    }
+}
+
+impl FaceCounts {
+    /// Where place `(i, j)` of a grid that reaches the edges lies on one of them: the edge, and the
+    /// cut counted from its first corner. The rim's places share the edge's cuts, each taking the
+    /// last one before it, so that cuts which come in new part from it without a jump.
+    fn rim(&self, i: u32, j: u32) -> Option<(usize, u32)> {
+        let side = self.inner[0];
+        let (e, along) = if j == 0 && i < side {
+            (0, i)
+        } else if i == side && j < side {
+            (1, j)
+        } else if j == side && i > 0 {
+            (2, side - i)
+        } else if i == 0 {
+            (3, side - j)
+        } else {
+            return None;
+        };
+        let count = self.edge[e];
+        // Edges 2 and 3 run against their canonical direction.
+        let cut = if e < 2 {
+            along * count / side
+        } else {
+            count - (side - along) * count / side
+        };
+        Some((e, cut))
+    }
+
+    /// The number of the vertex at place `(i, j)` of a grid that reaches the edges.
+    fn nested_vertex(&self, i: u32, j: u32) -> u32 {
+        let total: u32 = self.edge.iter().sum();
+        match self.rim(i, j) {
+            Some((e, cut)) => (self.edge[..e].iter().sum::<u32>() + cut) % total,
+            None => total + (j - 1) * (self.inner[0] - 1) + i - 1,
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! How finely an edge is cut: the projected size of the sphere around it.
 
+use super::face::runs_forward;
 use super::{DENSITY_ONE, FACTOR_MAX, FACTOR_ONE};
 use glam::{IVec2, Vec2, Vec3};
 
@@ -54,7 +55,7 @@ impl FactorView {
     /// Depends on the two ends alone, in canonical order.
     #[must_use]
     pub fn project(&self, a: EdgeEnd, b: EdgeEnd) -> ProjectedEdge {
-        let (a, b) = if (a.point.x, a.point.y) <= (b.point.x, b.point.y) {
+        let (a, b) = if runs_forward(a.point, b.point) {
             (a, b)
         } else {
             (b, a)

@@ -2,9 +2,10 @@
 
 use super::height::height;
 use super::{
-    DensityReader, EdgeEnd, FACTOR_SCALES, Face, FaceFactors, FactorView, PageSource, Partitioning,
+    DensityReader, EdgeEnd, FACTOR_SCALES, Face, FaceFactors, FaceVertex, FactorView, PageSource,
+    Partitioning,
 };
-use crate::lattice::{Lattice, Node, ResidencyField, ViewLod};
+use crate::lattice::{Lattice, Node, ONE, ResidencyField, ViewLod};
 use glam::IVec2;
 
 /// The corners of a face, around it.
@@ -17,7 +18,7 @@ pub struct TerrainVertex {
     pub point: IVec2,
     /// Height in metres above the terrain's origin.
     pub height_m: f32,
-    /// Level of detail that the height was read at, 16.16.
+    /// Level of detail at the point, 16.16.
     pub lambda: i32,
 }
 
@@ -69,6 +70,25 @@ impl<S: PageSource> ViewMesh<'_, S> {
         let stored = height(self.pages, self.lattice, p, lambda)
             .expect("the residency field never promises a tile that isn't there");
         (self.height_min_m + stored * self.height_step_m, lambda)
+    }
+
+    /// `vertices`: a vertex of a face of a node of `level` as it is drawn.
+    #[must_use]
+    pub fn vertex(&self, vertex: &FaceVertex, level: i32) -> TerrainVertex {
+        let (own_m, mut lambda) = self.displaced(vertex.point, level);
+        let mut height_m = own_m;
+        let point = vertex.drawn();
+        if vertex.rise != ONE {
+            let [a_m, b_m] = vertex.parents.map(|parent| self.displaced(parent, level).0);
+            let between_m = 0.5 * (a_m + b_m);
+            height_m = between_m + (own_m - between_m) * (vertex.rise as f32 / ONE as f32);
+            lambda = self.lod.lambda(self.lattice, self.field, point, level);
+        }
+        TerrainVertex {
+            point,
+            height_m,
+            lambda,
+        }
     }
 
     /// Column and row of face `face` in its node.
@@ -144,13 +164,8 @@ impl<S: PageSource> ViewMesh<'_, S> {
             #[expect(clippy::cast_possible_truncation, reason = "bounded by max_vertices")]
             let first = mesh.vertices.len() as u32;
             for index in 0..counts.vertices() {
-                let point = face.vertex(&counts, index);
-                let (height_m, lambda) = self.displaced(point, node.level);
-                mesh.vertices.push(TerrainVertex {
-                    point,
-                    height_m,
-                    lambda,
-                });
+                mesh.vertices
+                    .push(self.vertex(&face.vertex(&counts, index), node.level));
             }
             for index in 0..counts.triangles() {
                 let triangle = face.triangle(&counts, index);

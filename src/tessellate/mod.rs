@@ -16,14 +16,15 @@ mod factor;
 mod height;
 mod mesh;
 mod partition;
+mod strip;
 
 pub use edge_density::{DENSITY_ONE, DensityReader};
-pub use face::{Face, FaceCounts, FaceFactors};
+pub use face::{Face, FaceCounts, FaceFactors, FaceVertex, runs_forward};
 pub use factor::{EdgeEnd, FactorView, ProjectedEdge};
 pub use height::{PageSource, Pages};
 pub use mesh::{TerrainMesh, TerrainVertex, ViewMesh};
 pub use partition::{
-    FACTOR_LOG2, FACTOR_MAX, FACTOR_ONE, Partitioning, scaled_factor, segment_count,
+    FACTOR_LOG2, FACTOR_MAX, FACTOR_ONE, Partitioning, rise, scaled_factor, segment_count,
     segment_parameter,
 };
 

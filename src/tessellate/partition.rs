@@ -1,5 +1,6 @@
 //! How an edge's factor cuts it into segments.
 
+use super::strip::newest_place;
 use crate::lattice::ONE;
 
 /// Fractional bits of an edge factor.
@@ -9,7 +10,8 @@ pub const FACTOR_ONE: u32 = 1 << FACTOR_LOG2;
 /// The largest edge factor, 64 segments.
 pub const FACTOR_MAX: u32 = 64 << FACTOR_LOG2;
 
-/// How a real edge factor becomes whole segments (hardware tessellation's partitioning modes).
+/// How a real edge factor becomes whole segments (hardware tessellation's partitioning modes, and
+/// one more).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "ecs", derive(bevy::prelude::Reflect))]
 #[non_exhaustive]
@@ -20,20 +22,26 @@ pub enum Partitioning {
     FractionalOdd = 0,
     /// The factor rounded up; segments of one length, vertices pop.
     Integer = 1,
-    /// The factor rounded up to a power of two; every vertex stays when the factor doubles.
+    /// The factor rounded up to a power of two; every vertex stays when the factor doubles, the new
+    /// ones pop.
     PowerOfTwo = 2,
     /// An even number of segments, at least 2, two of which grow from nothing: vertices slide, none
     /// pops.
     FractionalEven = 3,
+    /// The factors rounded up to powers of two, one for the whole inside of a face; new vertices rise
+    /// in place from the coarser surface, those on edges slide out of their neighbours. Nothing pops,
+    /// and inside faces nothing swims; more triangles than the others where a face is long and thin.
+    PowerOfTwoMorph = 4,
 }
 
 impl Partitioning {
     /// All ways.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::FractionalOdd,
         Self::FractionalEven,
         Self::Integer,
         Self::PowerOfTwo,
+        Self::PowerOfTwoMorph,
     ];
 
     /// The least factor that it can do.
@@ -51,6 +59,15 @@ impl Partitioning {
             Self::FractionalEven => 9,
             _ => 4,
         }
+    }
+
+    /// Whether no vertex pops when a factor changes.
+    #[must_use]
+    pub const fn is_continuous(self) -> bool {
+        matches!(
+            self,
+            Self::FractionalOdd | Self::FractionalEven | Self::PowerOfTwoMorph
+        )
     }
 }
 
@@ -76,17 +93,20 @@ pub fn segment_count(partitioning: Partitioning, factor: u32, inner: bool) -> u3
             let count = factor.div_ceil(FACTOR_ONE);
             if inner { count.max(2) } else { count }
         }
-        Partitioning::PowerOfTwo => {
+        Partitioning::PowerOfTwo | Partitioning::PowerOfTwoMorph => {
             let count = factor.div_ceil(FACTOR_ONE).next_power_of_two();
             if inner { count.max(2) } else { count }
         }
     }
 }
 
-/// Where along an edge of `count` segments cut `i` lies, `0..=ONE`; symmetric about the middle,
-/// so both directions give the same points.
+/// Where along an edge of `count` segments cut `i` lies, `0..=ONE`, counted in the edge's canonical
+/// direction.
 ///
-/// Fractional: `count - 2` segments of length `1 / factor` and a shorter one at either end.
+/// Fractional: segments of length `1 / factor`, and in each half one that grows from nothing; it
+/// keeps its place among the others from then on, so no cut changes its neighbours. Symmetric about
+/// the middle. Power of two with morph: even cuts stay, odd ones slide from the cut before them to
+/// the middle between their neighbours.
 #[must_use]
 pub fn segment_parameter(partitioning: Partitioning, factor: u32, count: u32, i: u32) -> i32 {
     if i == 0 {
@@ -95,21 +115,45 @@ pub fn segment_parameter(partitioning: Partitioning, factor: u32, count: u32, i:
     if i == count {
         return ONE;
     }
-    // Mirror the second half, or rounding would break the symmetry.
     let factor = factor.max(partitioning.least());
+    if partitioning == Partitioning::PowerOfTwoMorph && !i.is_multiple_of(2) {
+        return (((i + 1) << 16) / count - (1 << 26) / factor).cast_signed();
+    }
+    // Mirror the second half, or rounding would break the symmetry.
     let mirrored = 2 * i > count;
     let i = if mirrored { count - i } else { i };
     let t = match partitioning {
         Partitioning::FractionalOdd | Partitioning::FractionalEven => {
             let missing = (count << FACTOR_LOG2) - factor;
-            // Length of the end segment, in half units of the factor's fixed point.
-            let short = 2 * FACTOR_ONE - missing;
-            ((short + (i - 1) * 2 * FACTOR_ONE) << 15) / factor
+            // In half units of the factor's fixed point: a segment, and the newest one.
+            let full = 2 * FACTOR_ONE;
+            let newest = full - missing;
+            let length = if i > newest_place(count / 2) {
+                (i - 1) * full + newest
+            } else {
+                i * full
+            };
+            (length << 15) / factor
         }
-        Partitioning::Integer | Partitioning::PowerOfTwo => (i << 16) / count,
+        _ => (i << 16) / count,
     };
     let t = t.cast_signed();
     if mirrored { ONE - t } else { t }
+}
+
+/// How far the new vertices inside a face of `count` segments have risen from the coarser surface,
+/// `0..=ONE`, in [`Partitioning::PowerOfTwoMorph`].
+///
+/// `4/3 (1 - 1 / (1 + u)²)`, where the factor has come `u` of the way from `count / 2` to `count`: what
+/// is left of the coarser mesh's error falls at least as fast as the square of a segment's length
+/// does in the fractional kinds.
+#[must_use]
+pub fn rise(factor: u32, count: u32) -> i32 {
+    let ratio = ((count << FACTOR_LOG2) << 15) / factor;
+    // 1 where the factor is half the count: it is more than that, or the count would be smaller.
+    let ratio = ratio.min(ONE.cast_unsigned() - 1);
+    let left = ONE.cast_unsigned() - ((ratio * ratio) >> 16);
+    (left * 4 / 3).cast_signed().min(ONE)
 }
 
 #[cfg(test)]
@@ -119,7 +163,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn cuts_rise_and_are_symmetric(factor in FACTOR_ONE..=FACTOR_MAX, inner: bool, kind in 0_usize..4) {
+        fn cuts_rise_and_are_symmetric(factor in FACTOR_ONE..=FACTOR_MAX, inner: bool, kind in 0_usize..5) {
             let kind = Partitioning::ALL[kind];
             let count = segment_count(kind, factor, inner);
             let cuts: Vec<i32> = (0..=count)
@@ -128,7 +172,9 @@ mod tests {
             prop_assert_eq!(cuts[0], 0);
             prop_assert_eq!(cuts[count as usize], ONE);
             for i in 0..cuts.len() {
-                prop_assert_eq!(cuts[i] + cuts[cuts.len() - 1 - i], ONE);
+                // An edge whose new cuts slide is the one that has a direction.
+                let mirror = cuts[cuts.len() - 1 - i];
+                prop_assert!(kind == Partitioning::PowerOfTwoMorph || cuts[i] + mirror == ONE);
                 prop_assert!(i == 0 || cuts[i] >= cuts[i - 1]);
             }
         }
@@ -139,6 +185,7 @@ mod tests {
             kind in prop_oneof![
                 Just(Partitioning::FractionalOdd),
                 Just(Partitioning::FractionalEven),
+                Just(Partitioning::PowerOfTwoMorph),
             ],
         ) {
             // Where the count stays, a step of the factor moves a vertex by a small step too.
@@ -153,27 +200,44 @@ mod tests {
         }
     }
 
-    /// Where two segments come in, they have no length yet and all other cuts stay.
+    /// Where segments come in, they have no length yet and all other cuts stay.
     #[test]
-    fn fractional_cuts_are_continuous_where_the_count_changes() {
-        for (kind, first) in [
-            (Partitioning::FractionalOdd, 1),
-            (Partitioning::FractionalEven, 2),
-        ] {
-            for count in (first..64).step_by(2) {
-                let factor = count << FACTOR_LOG2;
-                let before = segment_count(kind, factor, false);
-                let after = segment_count(kind, factor + 1, false);
-                assert_eq!((before, after), (count, count + 2));
-                for i in 0..=count {
-                    let was = segment_parameter(kind, factor, before, i);
-                    let is = segment_parameter(kind, factor + 1, after, i + 1);
-                    assert!(
-                        (was - is).abs() <= ONE / 1024,
-                        "{count}: cut {i} from {was} to {is}"
-                    );
-                }
+    fn cuts_are_continuous_where_the_count_changes() {
+        for kind in Partitioning::ALL {
+            if !kind.is_continuous() {
+                continue;
             }
+            for whole in 1..64 {
+                let factor = whole << FACTOR_LOG2;
+                let cuts = |factor| -> Vec<i32> {
+                    let count = segment_count(kind, factor, false);
+                    (0..=count)
+                        .map(|i| segment_parameter(kind, factor, count, i))
+                        .collect()
+                };
+                let (before, after) = (cuts(factor), cuts(factor + 1));
+                let near = |cut: i32, others: &[i32]| {
+                    others.iter().any(|other| (other - cut).abs() <= ONE / 512)
+                };
+                assert!(
+                    before.iter().all(|&cut| near(cut, &after)),
+                    "{kind:?} {whole}"
+                );
+                assert!(
+                    after.iter().all(|&cut| near(cut, &before)),
+                    "{kind:?} {whole}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn new_vertices_rise_from_nothing_to_their_place() {
+        for count in [2, 4, 8, 16, 32, 64] {
+            assert!(rise((count << (FACTOR_LOG2 - 1)) + 1, count) <= ONE / 128);
+            assert_eq!(rise(count << FACTOR_LOG2, count), ONE);
+            let half = rise(count * 3 << (FACTOR_LOG2 - 2), count);
+            assert!((half - ONE * 20 / 27).abs() < 4, "{half}");
         }
     }
 

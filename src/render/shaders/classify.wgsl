@@ -8,7 +8,7 @@
 #import bevy_tessera::edge_density::{edge_density, face_density}
 #import bevy_tessera::face::{
     FaceFactors, face_corners, face_counts, face_place, face_places_around, face_vertices,
-    face_triangles, pack_factors, point_before, scaled_factors,
+    face_triangles, pack_factors, runs_forward, scaled_factors,
 }
 
 var<workgroup> vertex_totals: array<atomic<u32>, 7>;
@@ -69,7 +69,7 @@ fn classify(
             var insides: vec4<u32>;
             for (var e = 0u; e < 4u; e++) {
                 let next = (e + 1u) % 4u;
-                let forward = point_before(corners[e], corners[next]);
+                let forward = runs_forward(corners[e], corners[next]);
                 let a = select(next, e, forward);
                 let b = select(e, next, forward);
                 let edge = project_edge(corners[a], heights[a], corners[b], heights[b]);

@@ -5,20 +5,24 @@
 
 #import bevy_tessera::types::{
     ONE, FACTOR_SHIFT, FACTOR_ONE, TerrainNode, PARTITIONING_INTEGER, PARTITIONING_POWER_OF_TWO,
-    PARTITIONING_FRACTIONAL_EVEN,
+    PARTITIONING_FRACTIONAL_EVEN, PARTITIONING_POWER_OF_TWO_MORPH,
 }
 #import bevy_tessera::bindings::terrain_view
 #import bevy_tessera::lattice::{control_vertex, lerp_point}
-
-struct Face {
-    corners: array<vec2<i32>, 4>,
-    factors: array<u32, 4>,
-}
+#import bevy_tessera::strip::{Row, edge_row, newest_place, ring_row, segments_before, segment_slot}
 
 struct FaceCounts {
     edge: array<u32, 4>,
     // 0 where the face is two triangles.
     inner: vec2<u32>,
+}
+
+// Where a vertex comes to stand: the point that its height is read at, the two vertices of the
+// coarser mesh that it rises from the middle of, and how far it has.
+struct FaceVertex {
+    point: vec2<i32>,
+    parents: array<vec2<i32>, 2>,
+    rise: i32,
 }
 
 // Fixed-point factors: of the edges, and what the inside asks for itself.
@@ -66,7 +70,7 @@ fn segment_count(wanted: u32, inner: bool) -> u32 {
             let count = (factor + FACTOR_ONE - 1u) / FACTOR_ONE;
             return select(count, max(count, 2u), inner);
         }
-        case PARTITIONING_POWER_OF_TWO: {
+        case PARTITIONING_POWER_OF_TWO, PARTITIONING_POWER_OF_TWO_MORPH: {
             let whole = (factor + FACTOR_ONE - 1u) / FACTOR_ONE;
             // firstLeadingBit(0) is all ones: whole - 1 = 0 gives 1 << 0.
             let count = 1u << (firstLeadingBit(whole - 1u) + 1u);
@@ -88,18 +92,35 @@ fn segment_parameter(wanted: u32, count: u32, index: u32) -> i32 {
         return ONE;
     }
     let factor = max(wanted, least_factor());
+    if terrain_view.partitioning == PARTITIONING_POWER_OF_TWO_MORPH && index % 2u == 1u {
+        return i32(((index + 1u) << 16u) / count - (1u << 26u) / factor);
+    }
     let mirrored = 2u * index > count;
     let i = select(index, count - index, mirrored);
     var t: u32;
-    if terrain_view.partitioning == PARTITIONING_INTEGER
-        || terrain_view.partitioning == PARTITIONING_POWER_OF_TWO {
-        t = (i << 16u) / count;
-    } else {
-        let missing = (count << FACTOR_SHIFT) - factor;
-        let short = 2u * FACTOR_ONE - missing;
-        t = ((short + (i - 1u) * 2u * FACTOR_ONE) << 15u) / factor;
+    switch terrain_view.partitioning {
+        case PARTITIONING_INTEGER, PARTITIONING_POWER_OF_TWO, PARTITIONING_POWER_OF_TWO_MORPH: {
+            t = (i << 16u) / count;
+        }
+        default: {
+            let missing = (count << FACTOR_SHIFT) - factor;
+            let full = 2u * FACTOR_ONE;
+            let newest = full - missing;
+            var cut_length = i * full;
+            if i > newest_place(count / 2u) {
+                cut_length = (i - 1u) * full + newest;
+            }
+            t = (cut_length << 15u) / factor;
+        }
     }
     return select(i32(t), ONE - i32(t), mirrored);
+}
+
+// How far the new vertices inside a face have risen from the coarser surface.
+fn rise_of(factor: u32, count: u32) -> i32 {
+    let ratio = min(((count << FACTOR_SHIFT) << 15u) / factor, u32(ONE) - 1u);
+    let left = u32(ONE) - ((ratio * ratio) >> 16u);
+    return min(i32(left * 4u / 3u), ONE);
 }
 
 // Column and row of face `index` in its node.
@@ -123,8 +144,14 @@ fn face_corners(node: TerrainNode, index: u32) -> array<vec2<i32>, 4> {
     return corners;
 }
 
+// Whether the inner grid reaches the edges and takes their vertices for its own outermost ones.
+fn is_nested() -> bool {
+    return terrain_view.partitioning == PARTITIONING_POWER_OF_TWO_MORPH;
+}
+
 fn inner_factors(factors: FaceFactors) -> vec2<u32> {
-    return max(max(factors.edges.xy, factors.edges.zw), factors.inside);
+    let inner = max(max(factors.edges.xy, factors.edges.zw), factors.inside);
+    return select(inner, vec2(max(inner.x, inner.y)), is_nested());
 }
 
 fn face_counts(factors: FaceFactors) -> FaceCounts {
@@ -156,12 +183,120 @@ fn face_triangles(counts: FaceCounts) -> u32 {
     if counts.inner.x == 0u {
         return 2u;
     }
+    if is_nested() {
+        return 2u * counts.inner.x * counts.inner.y;
+    }
     let grid = counts.inner - 2u;
     return 2u * grid.x * grid.y + edge_total(counts) + 2u * (grid.x + grid.y);
 }
 
-fn point_before(a: vec2<i32>, b: vec2<i32>) -> bool {
-    return a.x < b.x || (a.x == b.x && a.y <= b.y);
+// Whether the edge between two points runs from `a` to `b`.
+fn runs_forward(a: vec2<i32>, b: vec2<i32>) -> bool {
+    let d = b - a;
+    if abs(d.x) >= abs(d.y) {
+        return d.x > 0 || (d.x == 0 && d.y >= 0);
+    }
+    return d.y > 0;
+}
+
+// Cut `index` of an edge between two corners of a face.
+fn edge_point(
+    a: vec2<i32>,
+    b: vec2<i32>,
+    factor: u32,
+    count: u32,
+    index: u32,
+) -> vec2<i32> {
+    // The edge is cut in canonical direction, so both faces beside it get the same points.
+    let forward = runs_forward(a, b);
+    let low = select(b, a, forward);
+    let high = select(a, b, forward);
+    let cut = select(count - index, index, forward);
+    return lerp_point(low, high, segment_parameter(factor, count, cut));
+}
+
+// Place `at` of the inner grid.
+fn grid_point(
+    corners: array<vec2<i32>, 4>,
+    factors: FaceFactors,
+    counts: FaceCounts,
+    at: vec2<u32>,
+) -> vec2<i32> {
+    var uv: vec2<i32>;
+    if is_nested() {
+        uv = vec2<i32>((at << vec2(16u)) / counts.inner);
+    } else {
+        let inner = inner_factors(factors);
+        uv.x = segment_parameter(inner.x, counts.inner.x, at.x);
+        uv.y = segment_parameter(inner.y, counts.inner.y, at.y);
+    }
+    let near = lerp_point(corners[0], corners[1], uv.x);
+    let far = lerp_point(corners[3], corners[2], uv.x);
+    return lerp_point(near, far, uv.y);
+}
+
+// Where a place of a grid that reaches the edges lies on one of them: the edge, and the cut counted
+// from its first corner. Edge 4: none.
+fn rim_cut(counts_in: FaceCounts, at: vec2<u32>) -> vec2<u32> {
+    var counts = counts_in;
+    let side = counts.inner.x;
+    var e = 4u;
+    var along = 0u;
+    if at.y == 0u && at.x < side {
+        e = 0u;
+        along = at.x;
+    } else if at.x == side && at.y < side {
+        e = 1u;
+        along = at.y;
+    } else if at.y == side && at.x > 0u {
+        e = 2u;
+        along = side - at.x;
+    } else if at.x == 0u {
+        e = 3u;
+        along = side - at.y;
+    } else {
+        return vec2(4u, 0u);
+    }
+    let count = counts.edge[e];
+    // Edges 2 and 3 run against their canonical direction.
+    let cut = select(count - (side - along) * count / side, along * count / side, e < 2u);
+    return vec2(e, cut);
+}
+
+// Place `at` of a grid that reaches the edges, rim included.
+fn nested_point(
+    corners_in: array<vec2<i32>, 4>,
+    factors: FaceFactors,
+    counts_in: FaceCounts,
+    at: vec2<u32>,
+) -> vec2<i32> {
+    var corners = corners_in;
+    var counts = counts_in;
+    let rim = rim_cut(counts, at);
+    if rim.x == 4u {
+        return grid_point(corners, factors, counts, at);
+    }
+    let e = rim.x;
+    return edge_point(corners[e], corners[(e + 1u) % 4u], factors.edges[e], counts.edge[e], rim.y);
+}
+
+// The number of the vertex at a place of a grid that reaches the edges.
+fn nested_number(counts_in: FaceCounts, at: vec2<u32>) -> u32 {
+    var counts = counts_in;
+    let total = edge_total(counts);
+    let rim = rim_cut(counts, at);
+    if rim.x == 4u {
+        return total + (at.y - 1u) * (counts.inner.x - 1u) + at.x - 1u;
+    }
+    var first = 0u;
+    for (var e = 0u; e < rim.x; e++) {
+        first += counts.edge[e];
+    }
+    return (first + rim.y) % total;
+}
+
+fn settled(point: vec2<i32>) -> FaceVertex {
+    return FaceVertex(point, array(point, point), ONE);
 }
 
 fn face_vertex(
@@ -169,42 +304,43 @@ fn face_vertex(
     factors: FaceFactors,
     counts_in: FaceCounts,
     index: u32,
-) -> vec2<i32> {
+) -> FaceVertex {
     var corners = corners_in;
     var counts = counts_in;
     if counts.inner.x == 0u {
-        return corners[index];
+        return settled(corners[index]);
     }
     var rest = index;
     for (var e = 0u; e < 4u; e++) {
         let count = counts.edge[e];
         if rest < count {
-            // The edge is cut in canonical direction, so both faces beside it get the same points.
-            let a = corners[e];
-            let b = corners[(e + 1u) % 4u];
-            let forward = point_before(a, b);
-            let low = select(b, a, forward);
-            let high = select(a, b, forward);
-            let cut = select(count - rest, rest, forward);
-            return lerp_point(low, high, segment_parameter(factors.edges[e], count, cut));
+            return settled(
+                edge_point(corners[e], corners[(e + 1u) % 4u], factors.edges[e], count, rest),
+            );
         }
         rest -= count;
     }
     let columns = counts.inner.x - 1u;
-    let inner = inner_factors(factors);
-    let u = segment_parameter(inner.x, counts.inner.x, rest % columns + 1u);
-    let v = segment_parameter(inner.y, counts.inner.y, rest / columns + 1u);
-    let near = lerp_point(corners[0], corners[1], u);
-    let far = lerp_point(corners[3], corners[2], u);
-    return lerp_point(near, far, v);
+    let at = vec2(rest % columns, rest / columns) + 1u;
+    let point = grid_point(corners, factors, counts, at);
+    let odd = at % vec2(2u);
+    if !is_nested() || odd.x + odd.y == 0u {
+        return settled(point);
+    }
+    let parents = array(
+        nested_point(corners, factors, counts, at - odd),
+        nested_point(corners, factors, counts, at + odd),
+    );
+    return FaceVertex(point, parents, rise_of(inner_factors(factors).x, counts.inner.x));
 }
 
-fn middles_before(odd: u32, count: u32, other: u32, ties: bool) -> u32 {
-    var reach = odd * other;
-    if !ties && reach > 0u {
-        reach -= 1u;
+// The lattice point where a vertex is drawn.
+fn drawn_point(vertex: FaceVertex) -> vec2<i32> {
+    if vertex.rise == ONE {
+        return vertex.point;
     }
-    return min((reach / count + 1u) / 2u, other);
+    let middle = (vertex.parents[0] + vertex.parents[1]) >> vec2(1u);
+    return lerp_point(middle, vertex.point, vertex.rise);
 }
 
 // Vertex number of place `i` on the inner ring beside edge `e`.
@@ -225,6 +361,15 @@ fn face_triangle(counts_in: FaceCounts, index: u32) -> vec3<u32> {
     if counts.inner.x == 0u {
         return select(vec3(0u, 3u, 2u), vec3(0u, 2u, 1u), index == 0u);
     }
+    let first_half = index % 2u == 0u;
+    if is_nested() {
+        let side = counts.inner.x;
+        let at = vec2((index / 2u) % side, (index / 2u) / side);
+        let a = nested_number(counts, at);
+        let b = nested_number(counts, at + select(vec2(0u, 1u), vec2(1u, 0u), first_half));
+        let c = nested_number(counts, at + 1u);
+        return select(vec3(a, b, c), vec3(a, c, b), first_half);
+    }
     let grid = counts.inner - 2u;
     let stride = grid.x + 1u;
     let first_inner = edge_total(counts);
@@ -233,7 +378,7 @@ fn face_triangle(counts_in: FaceCounts, index: u32) -> vec3<u32> {
         let quad = index / 2u;
         let a = first_inner + (quad / grid.x) * stride + quad % grid.x;
         let c = a + stride + 1u;
-        return select(vec3(a, a + stride, c), vec3(a, c, a + 1u), index % 2u == 0u);
+        return select(vec3(a, a + stride, c), vec3(a, c, a + 1u), first_half);
     }
     var rest = index - grid_triangles;
     var first_outer = 0u;
@@ -245,8 +390,11 @@ fn face_triangle(counts_in: FaceCounts, index: u32) -> vec3<u32> {
             first_outer += outer_count;
             continue;
         }
+        let outer = edge_row(outer_count);
+        let ring = ring_row(inner_count);
+        // Each triangle finds its own partner in the other row.
         if rest < outer_count {
-            let j = middles_before(2u * rest + 1u, outer_count, inner_count, false);
+            let j = segments_before(ring, segment_slot(outer, rest));
             return vec3(
                 first_outer + rest,
                 ring_vertex(first_inner, grid, e, j),
@@ -254,7 +402,7 @@ fn face_triangle(counts_in: FaceCounts, index: u32) -> vec3<u32> {
             );
         }
         let j = rest - outer_count;
-        let i = middles_before(2u * j + 1u, inner_count, outer_count, true);
+        let i = segments_before(outer, segment_slot(ring, j) + 1u);
         return vec3(
             ring_vertex(first_inner, grid, e, j),
             ring_vertex(first_inner, grid, e, j + 1u),

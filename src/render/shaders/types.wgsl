@@ -26,6 +26,7 @@ const PARTITIONING_FRACTIONAL_ODD: u32 = 0u;
 const PARTITIONING_INTEGER: u32 = 1u;
 const PARTITIONING_POWER_OF_TWO: u32 = 2u;
 const PARTITIONING_FRACTIONAL_EVEN: u32 = 3u;
+const PARTITIONING_POWER_OF_TWO_MORPH: u32 = 4u;
 // Density texels along a tile's side.
 const DENSITY_TEXELS: i32 = 32;
 // The density of ground that deserves all triangles, in 8.16 fixed point.

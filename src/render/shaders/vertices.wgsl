@@ -1,12 +1,14 @@
 // Pass 3, the domain shader: every vertex is evaluated once and then drawn by all passes.
 
-#import bevy_tessera::types::TerrainVertex
+#import bevy_tessera::types::{ONE, TerrainVertex}
 #import bevy_tessera::bindings::{
     terrain_view, nodes, face_factors, node_offsets, draw_args, mesh_vertices,
 }
 #import bevy_tessera::lattice::lambda_at
 #import bevy_tessera::height::height_m
-#import bevy_tessera::face::{face_corners, face_counts, face_vertex, scaled_factors, unpack_factors}
+#import bevy_tessera::face::{
+    drawn_point, face_corners, face_counts, face_vertex, scaled_factors, unpack_factors,
+}
 #import bevy_tessera::scan::{LANES, face_places, faces_a_node, scan_faces, face_at}
 
 @compute @workgroup_size(256)
@@ -35,12 +37,20 @@ fn vertices(
         );
         let counts = face_counts(factors);
         let corners = face_corners(node, face);
-        let point = face_vertex(corners, factors, counts, place - face_places[face].x);
-        let lambda = lambda_at(point, node.level);
+        let own = face_vertex(corners, factors, counts, place - face_places[face].x);
         var vertex: TerrainVertex;
-        vertex.point = point;
-        vertex.height_m = height_m(point, lambda);
-        vertex.lambda = lambda;
+        vertex.point = drawn_point(own);
+        vertex.lambda = lambda_at(vertex.point, node.level);
+        vertex.height_m = height_m(own.point, lambda_at(own.point, node.level));
+        if own.rise != ONE {
+            var parents = own.parents;
+            var between_m = 0.0;
+            for (var k = 0u; k < 2u; k++) {
+                between_m += 0.5 * height_m(parents[k], lambda_at(parents[k], node.level));
+            }
+            let rise = f32(own.rise) / f32(ONE);
+            vertex.height_m = between_m + (vertex.height_m - between_m) * rise;
+        }
         mesh_vertices[first + place] = vertex;
     }
 }
