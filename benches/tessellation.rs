@@ -97,6 +97,9 @@ fn mesh(terrain: &Terrain, eye: &Eye, triangle_width_px: f64, density: f32) -> T
         min_triangle_m: file.spacing_m as f32,
         max_factor: 64.0,
         density_strength: density,
+        focal_px: 900.0,
+        px_per_m: 0.0,
+        max_error_px: 0.0,
     };
     let mut nodes: Vec<Node> = Vec::new();
     lod.select(lattice, &mut |_, _| true, &mut |node| nodes.push(node));
@@ -111,6 +114,7 @@ fn mesh(terrain: &Terrain, eye: &Eye, triangle_width_px: f64, density: f32) -> T
         height_step_m: file.height_step_m as f32,
         max_vertices: u32::MAX,
         max_triangles: u32::MAX,
+        culling: None,
     }
     .build(&nodes)
 }

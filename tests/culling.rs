@@ -5,10 +5,12 @@ mod common;
 use bevy::camera::primitives::Frustum;
 use bevy::math::primitives::ViewFrustum;
 use bevy::prelude::*;
-use bevy_tessera::render::{LocalVolume, TileHeightBounds, select_seen};
+use bevy_tessera::lattice::Node;
+use bevy_tessera::render::{NodeCulling, TerrainNodes, TileHeightBounds, select_seen};
 use bevy_tessera::terrain::{TerrainCamera, TerrainSettings};
+use bevy_tessera::tessellate::{Face, FaceCulling, LocalVolume, ViewMesh};
 use bevy_tessera::view::TerrainViews;
-use common::gpu::Kernels;
+use common::gpu::{Culled, Kernels};
 use common::random::Random;
 use std::collections::HashSet;
 
@@ -89,4 +91,88 @@ fn no_dropped_node_reaches_into_the_frustum() {
         "only {dropped_count} nodes were dropped at all"
     );
     assert!(kept_count > 100, "only {kept_count} nodes were kept at all");
+}
+
+/// Faces of nodes that are drawn, and culled by the passes: the twin agrees, and none may be seen.
+#[test]
+fn no_culled_face_reaches_into_the_frustum() {
+    let mut kernels = Kernels::start(TerrainSettings::default(), UVec2::new(96, 64));
+    kernels.app.insert_resource(Culled);
+    let mut random = Random(29);
+    let (mut culled_count, mut kept_count) = (0, 0);
+    for n in 0..30 {
+        let place = Vec3::new(
+            random.unit() * 30e3,
+            250.0 + random.unit() * 1500.0,
+            random.unit() * 30e3,
+        );
+        let towards = Vec3::new(
+            random.unit() - 0.5,
+            random.unit() * 0.6 - 0.5,
+            random.unit() - 0.5,
+        );
+        let eye = Transform::from_translation(place).looking_to(towards, Vec3::Y);
+        kernels.set_camera(eye, TerrainCamera::default());
+        let frame = kernels.frame();
+        let state = kernels.state();
+        let world = kernels.app.world();
+        let drawn = world.get::<TerrainNodes>(kernels.camera).unwrap();
+        let NodeCulling { heights_m, volumes } = &drawn.culling[&kernels.terrain];
+        assert_eq!(heights_m.len(), frame.nodes.len());
+        let of_node = |node: &Node| {
+            let at = frame.nodes.iter().position(|other| other == node).unwrap();
+            heights_m[at]
+        };
+        let twin = ViewMesh {
+            culling: Some(FaceCulling {
+                volumes,
+                heights_m: &of_node,
+            }),
+            ..frame.twin(state)
+        };
+        let faces = frame.factors.len() / frame.nodes.len();
+        let unit_m = twin.factor_view.unit_m;
+        let mut disagree = 0;
+        for (at, factors) in frame.factors.iter().enumerate() {
+            let (node, face) = (&frame.nodes[at / faces], (at % faces) as u32);
+            disagree += usize::from(twin.classify(node, face).culled != factors.culled);
+            if !factors.culled {
+                kept_count += 1;
+                continue;
+            }
+            culled_count += 1;
+            let face = Face {
+                corners: twin.corners(node, face),
+                factors: *factors,
+                partitioning: twin.partitioning,
+            };
+            let counts = face.counts();
+            let vertices: Vec<Vec4> = (0..counts.vertices())
+                .map(|index| {
+                    let vertex = twin.vertex(&face.vertex(&counts, index), node.level);
+                    let plane = vertex.point.as_vec2() * unit_m;
+                    Vec4::new(plane.x, vertex.height_m, plane.y, 1.0)
+                })
+                .collect();
+            for volume in volumes {
+                let outside = volume
+                    .planes()
+                    .iter()
+                    .any(|plane| vertices.iter().all(|vertex| plane.dot(*vertex) < 0.0));
+                assert!(outside, "eye {n}: face {at} was culled and may be seen");
+            }
+        }
+        assert!(
+            disagree <= 1,
+            "{disagree} faces are culled on one side only"
+        );
+        let drawn: usize = frame.factors.iter().filter(|face| !face.culled).count();
+        let mesh = twin.build(&frame.nodes);
+        assert!(mesh.vertices.len() >= drawn * 4);
+    }
+    assert!(
+        culled_count > 5_000,
+        "only {culled_count} faces were culled"
+    );
+    assert!(kept_count > 10_000, "only {kept_count} faces were kept");
 }

@@ -56,6 +56,9 @@ fn view(lattice: &Lattice, eye: IVec2, density_strength: f32) -> FactorView {
         min_triangle_m: 0.5,
         max_factor: 64.0,
         density_strength,
+        focal_px: 900.0,
+        px_per_m: 0.0,
+        max_error_px: 0.0,
     }
 }
 
@@ -82,6 +85,7 @@ fn compare(
         height_step_m: 0.01,
         max_vertices: u32::MAX,
         max_triangles: u32::MAX,
+        culling: None,
     };
     let (plain, scaled) = (mesh(&plain), mesh(&scaled));
     for node in nodes(&lattice, &lod) {

@@ -115,6 +115,7 @@ fn face(partitioning: Partitioning, factors: [u32; 6]) -> Face {
         factors: FaceFactors {
             edges: [a, b, c, d],
             inside: [across, down],
+            culled: false,
         },
         partitioning,
     }

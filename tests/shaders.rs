@@ -6,14 +6,16 @@ mod common;
 use bevy::prelude::*;
 use bevy::shader::{Shader, ShaderDefVal, Source};
 use bevy_tessera::render::{
-    DEFAULT_MATERIAL_WGSL, GpuDensityJob, GpuDensityKernel, GpuDensityLevel, GpuTerrainDraw,
-    GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView, compose_material,
+    DEFAULT_MATERIAL_WGSL, GpuDensityJob, GpuDensityKernel, GpuDensityLevel, GpuTerrainCounters,
+    GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
+    compose_material,
 };
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga_oil::compose::{
     ComposableModuleDescriptor, Composer, NagaModuleDescriptor, ShaderDefValue,
 };
 use std::collections::{HashMap, HashSet};
+use std::mem::offset_of;
 use std::sync::OnceLock;
 
 /// The WGSL of all importable modules, Bevy's and ours, and of ours that have entry points.
@@ -330,8 +332,13 @@ layout_test!(
         field_cells,
         max_triangles,
         density_strength,
+        volume_count,
+        focal_px,
+        px_per_m,
+        max_error_px,
         geometry,
         tiles,
+        volumes,
     ]
 );
 layout_test!(
@@ -359,7 +366,7 @@ layout_test!(
     a_node_has_one_layout,
     GpuTerrainNode,
     "TerrainNode",
-    [origin, level, unused]
+    [origin, level, lowest_m, highest_m, unused]
 );
 layout_test!(
     a_vertex_has_one_layout,
@@ -403,3 +410,42 @@ layout_test!(
     "DensityJob",
     [page, level, tile]
 );
+
+/// The counters are an array in WGSL; its constants say what stands where.
+#[test]
+fn the_counters_have_one_layout() {
+    let types = &sources()
+        .0
+        .iter()
+        .find(|(_, source)| source.contains("#define_import_path bevy_tessera::types"))
+        .unwrap()
+        .1;
+    let constant = |name: &str| -> usize {
+        let line = types
+            .lines()
+            .find(|line| line.starts_with(&format!("const {name}: u32 = ")))
+            .unwrap_or_else(|| panic!("{name}"));
+        let number = line.split(" = ").nth(1).unwrap().trim_end_matches("u;");
+        number.parse().unwrap()
+    };
+    for (name, offset) in [
+        ("COUNTER_FACES", offset_of!(GpuTerrainCounters, faces)),
+        (
+            "COUNTER_CULLED",
+            offset_of!(GpuTerrainCounters, culled_faces),
+        ),
+        ("COUNTER_EDGES", offset_of!(GpuTerrainCounters, edges)),
+        (
+            "COUNTER_CLAMPED",
+            offset_of!(GpuTerrainCounters, clamped_edges),
+        ),
+        ("COUNTER_FACTORS", offset_of!(GpuTerrainCounters, factors)),
+        (
+            "COUNTER_SIZES",
+            offset_of!(GpuTerrainCounters, triangle_sizes),
+        ),
+        ("COUNTERS", size_of::<GpuTerrainCounters>()),
+    ] {
+        assert_eq!(4 * constant(name), offset, "{name}");
+    }
+}

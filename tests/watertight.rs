@@ -81,6 +81,9 @@ fn build(
         min_triangle_m: 0.1,
         max_factor: 64.0,
         density_strength: 1.0,
+        focal_px: 900.0,
+        px_per_m: 0.0,
+        max_error_px: 0.0,
     };
     let mesh = ViewMesh {
         lattice,
@@ -93,6 +96,7 @@ fn build(
         height_step_m: 0.01,
         max_vertices: u32::MAX,
         max_triangles: u32::MAX,
+        culling: None,
     }
     .build(&nodes);
     manifold::check(lattice, &mesh.vertices, &mesh.triangles, partitioning)?;
@@ -149,6 +153,9 @@ fn twin_of_a_broken_view(
         min_triangle_m: 0.1,
         max_factor: 64.0,
         density_strength: 1.0,
+        focal_px: 900.0,
+        px_per_m: 0.0,
+        max_error_px: 0.0,
     };
     let twin = ViewMesh {
         lattice: &lattice,
@@ -161,6 +168,7 @@ fn twin_of_a_broken_view(
         height_step_m: 0.01,
         max_vertices: u32::MAX,
         max_triangles: u32::MAX,
+        culling: None,
     };
     let faces: Vec<_> = nodes
         .iter()

@@ -3,6 +3,7 @@
 use crate::lattice::{Lattice, Node, NodeBounds, ViewLod};
 use crate::stream::TerrainState;
 use crate::terrain::{Terrain, TerrainManifest};
+use crate::tessellate::LocalVolume;
 use crate::tile::{TileAddress, TileRange};
 use crate::view::TerrainViews;
 use bevy::camera::primitives::{CascadesFrusta, CubemapFrusta, Frustum};
@@ -18,14 +19,18 @@ use bevy::prelude::*;
 pub struct TerrainNodes {
     /// By terrain. A terrain that is hidden, or not there any more, has none.
     pub nodes: EntityHashMap<Vec<Node>>,
+    /// What the faces of those nodes are culled by, by terrain. Without, all are drawn.
+    pub culling: EntityHashMap<NodeCulling>,
 }
 
-/// A convex volume in a terrain's own space, in metres: everything on the inner side of all
-/// planes.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct LocalVolume {
-    planes: [Vec4; 6],
-    count: usize,
+/// What the faces of a view's nodes are culled by.
+#[derive(Clone, Debug, Default)]
+pub struct NodeCulling {
+    /// Of each node, in order, the lowest and the highest height that it may be drawn with, metres.
+    pub heights_m: Vec<[f32; 2]>,
+    /// Everything that looks at the nodes: the camera and its lights. A face that none may see is
+    /// left out.
+    pub volumes: Vec<LocalVolume>,
 }
 
 impl LocalVolume {
@@ -33,30 +38,17 @@ impl LocalVolume {
     /// (an index into its half spaces).
     #[must_use]
     pub fn new(frustum: &Frustum, world_from_local: &DAffine3, ignored: Option<usize>) -> Self {
-        let mut volume = Self::default();
-        for (index, half_space) in frustum.half_spaces.iter().enumerate() {
+        let planes = frustum.half_spaces.iter().enumerate();
+        Self::from_planes(planes.filter_map(|(index, half_space)| {
             let plane = half_space.normal_d().as_dvec4();
             // A plane at infinity culls nothing.
             if Some(index) == ignored || !plane.is_finite() {
-                continue;
+                return None;
             }
             let normal = world_from_local.matrix3.transpose() * plane.truncate();
             let distance = plane.truncate().dot(world_from_local.translation) + plane.w;
-            volume.planes[volume.count] = normal.extend(distance).as_vec4();
-            volume.count += 1;
-        }
-        volume
-    }
-
-    /// Whether the box may reach into the volume. Errs on the side of yes.
-    #[must_use]
-    pub fn may_hold(&self, low: Vec3, high: Vec3) -> bool {
-        self.planes[..self.count].iter().all(|plane| {
-            let normal = plane.truncate();
-            let farthest = Vec3::select(normal.cmpge(Vec3::ZERO), high, low);
-            // A millimetre a kilometre makes up for rounding to f32.
-            normal.dot(farthest) + plane.w >= -1e-6 * farthest.abs().max_element().max(1.0)
-        })
+            Some(normal.extend(distance).as_vec4())
+        }))
     }
 }
 
@@ -152,14 +144,20 @@ impl<'a> NodeBox<'a> {
         }
     }
 
-    /// The box of the part `bounds` of `node`.
+    /// The lowest and the highest height, in metres, that `node` may be drawn with.
     #[must_use]
-    pub fn of(&self, node: &Node, bounds: &NodeBounds) -> (Vec3, Vec3) {
+    pub fn heights_m(&self, node: &Node) -> [f32; 2] {
         let level = node.level.max(self.coarsest_read);
         let level = level.clamp(0, self.lattice.root_level);
         let log2 = self.lattice.node_log2(level);
-        let tile = bounds.low >> IVec2::splat(log2.cast_signed());
-        let [lowest, highest] = self.bounds.get(level.unsigned_abs() as usize, tile);
+        let tile = node.origin >> IVec2::splat(log2.cast_signed());
+        self.bounds.get(level.unsigned_abs() as usize, tile)
+    }
+
+    /// The box of the part `bounds` of `node`.
+    #[must_use]
+    pub fn of(&self, node: &Node, bounds: &NodeBounds) -> (Vec3, Vec3) {
+        let [lowest, highest] = self.heights_m(node);
         let low = bounds.low.as_vec2() * self.unit_m;
         let high = bounds.high.as_vec2() * self.unit_m;
         (
@@ -178,11 +176,12 @@ pub fn select_seen(
     nodes: &mut Vec<Node>,
 ) {
     let boxes = NodeBox::new(state, bounds);
+    let seen = |low, high| volumes.iter().any(|volume| volume.may_hold(low, high));
     lod.select(
         state.lattice(),
         &mut |node, bounds| {
             let (low, high) = boxes.of(node, bounds);
-            volumes.iter().any(|volume| volume.may_hold(low, high))
+            seen(low, high)
         },
         &mut |node| nodes.push(node),
     );
@@ -195,18 +194,20 @@ pub(super) fn cull_nodes(
     directional: Query<(&DirectionalLight, &CascadesFrusta)>,
     points: Query<(&PointLight, &CubemapFrusta)>,
     spots: Query<(&SpotLight, &Frustum), Without<TerrainViews>>,
-    mut volumes: Local<Vec<LocalVolume>>,
     mut bounds: Local<EntityHashMap<(u64, TileHeightBounds)>>,
 ) {
     let _span = bevy::log::debug_span!("terrain_cull").entered();
     bounds.retain(|terrain, _| terrains.contains(*terrain));
     for (camera, views, frustum, mut drawn) in &mut cameras {
-        drawn
-            .nodes
-            .retain(|terrain, _| views.of(*terrain).is_some());
+        let TerrainNodes { nodes, culling } = &mut *drawn;
+        nodes.retain(|terrain, _| views.of(*terrain).is_some());
+        culling.retain(|terrain, _| views.of(*terrain).is_some());
         for view in &views.views {
-            let nodes = drawn.nodes.entry(view.terrain).or_default();
+            let nodes = nodes.entry(view.terrain).or_default();
+            let NodeCulling { heights_m, volumes } = culling.entry(view.terrain).or_default();
             nodes.clear();
+            heights_m.clear();
+            volumes.clear();
             let Ok((state, visibility)) = terrains.get(view.terrain) else {
                 continue;
             };
@@ -247,8 +248,9 @@ pub(super) fn cull_nodes(
                     &bounds[&view.terrain].1
                 }
             };
-            select_seen(state, tile_bounds, &view.lod, &volumes, nodes);
-            volumes.clear();
+            select_seen(state, tile_bounds, &view.lod, volumes, nodes);
+            let boxes = NodeBox::new(state, tile_bounds);
+            heights_m.extend(nodes.iter().map(|node| boxes.heights_m(node)));
         }
     }
 }

@@ -1,9 +1,10 @@
 //! What the render world is told each frame.
 
 use super::TerrainMaterial;
-use super::cull::TerrainNodes;
+use super::cull::{NodeCulling, TerrainNodes};
 use super::gpu_types::{GpuTerrainDraw, GpuTerrainNode, GpuTerrainView};
 use super::material::ComposedMaterials;
+use super::statistics::TerrainStatistics;
 use crate::stream::{TerrainState, TerrainTiles, TileData, TilePage};
 use crate::terrain::TerrainCamera;
 use crate::tessellate::{FactorView, Partitioning};
@@ -48,6 +49,7 @@ pub(super) struct ExtractedView {
     pub(super) nodes: Vec<GpuTerrainNode>,
     pub(super) partitioning: Partitioning,
     pub(super) max_vertices: u32,
+    pub(super) measure_triangle_sizes: bool,
 }
 
 /// Everything extracted in this frame.
@@ -111,6 +113,7 @@ pub(super) fn extract_terrains(
             &TerrainCamera,
             &TerrainViews,
             &TerrainNodes,
+            &TerrainStatistics,
         )>,
     >,
     materials: Extract<Res<ComposedMaterials>>,
@@ -197,13 +200,13 @@ pub(super) fn extract_terrains(
         );
     }
 
-    for (entity, camera, settings, views, nodes) in &cameras {
+    for (entity, camera, settings, views, drawn, statistics) in &cameras {
         let settings = settings.checked(|_| ());
         for view in &views.views {
             let Ok((_, state, ..)) = terrains.get(view.terrain) else {
                 continue;
             };
-            let Some(nodes) = nodes
+            let Some(nodes) = drawn
                 .nodes
                 .get(&view.terrain)
                 .filter(|nodes| !nodes.is_empty())
@@ -233,7 +236,21 @@ pub(super) fn extract_terrains(
             let draw = terrain_draw(view, state, &factors, &previous, &gpu_view);
             let mut gpu_nodes = spare_nodes.pop().unwrap_or_default();
             gpu_nodes.clear();
-            gpu_nodes.extend(nodes.iter().copied().map(GpuTerrainNode::from));
+            let culling = drawn.culling.get(&view.terrain);
+            // Somebody else's nodes have no heights, and then no face is culled.
+            if let Some(NodeCulling { heights_m, volumes }) =
+                culling.filter(|culling| culling.heights_m.len() == nodes.len())
+            {
+                gpu_view.set_volumes(volumes);
+                let nodes = nodes.iter().zip(heights_m);
+                gpu_nodes.extend(nodes.map(|(node, heights)| GpuTerrainNode::new(*node, *heights)));
+            } else {
+                gpu_nodes.extend(
+                    nodes
+                        .iter()
+                        .map(|node| GpuTerrainNode::new(*node, [0.0; 2])),
+                );
+            }
             views_out.push(ExtractedView {
                 camera: entity.into(),
                 terrain: view.terrain.into(),
@@ -242,11 +259,12 @@ pub(super) fn extract_terrains(
                 nodes: gpu_nodes,
                 partitioning: settings.partitioning,
                 max_vertices: settings.max_vertices,
+                measure_triangle_sizes: statistics.measure_triangle_sizes,
             });
         }
     }
     // After the views: they need the transform of the frame before.
-    for (_, _, _, views, _) in &cameras {
+    for (_, _, _, views, ..) in &cameras {
         for view in &views.views {
             if let Some(known) = uploaded.terrains.get_mut(&view.terrain) {
                 known.world_from_local = Some(view.world_from_local);
@@ -285,6 +303,13 @@ pub fn factor_view(
         min_triangle_m: settings.min_triangle_m.unwrap_or(spacing_m as f32),
         max_factor: settings.max_factor,
         density_strength: settings.density,
+        focal_px: if orthographic { 0.0 } else { focal_px },
+        px_per_m: if orthographic {
+            focal_px * view.scale
+        } else {
+            0.0
+        },
+        max_error_px: 0.0,
     })
 }
 

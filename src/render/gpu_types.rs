@@ -4,7 +4,7 @@
 use crate::density::{DensityExtent, DensityFilter, DensityKernel, DensitySettings};
 use crate::lattice::{Lattice, MAX_LEVELS, Node, ViewLod};
 use crate::terrain::ManifestFile;
-use crate::tessellate::{FaceFactors, FactorView, Partitioning};
+use crate::tessellate::{FaceFactors, FactorView, LocalVolume, Partitioning};
 use crate::tile::{DENSITY_TEXELS, TileAddress};
 use bytemuck::{Pod, Zeroable};
 
@@ -60,13 +60,39 @@ pub struct GpuTerrainView {
     pub max_triangles: u32,
     /// See [`FactorView::density_strength`].
     pub density_strength: f32,
+    /// Volumes that faces are culled by; with 0 none is.
+    pub volume_count: u32,
+    /// See [`FactorView::focal_px`].
+    pub focal_px: f32,
+    /// See [`FactorView::px_per_m`].
+    pub px_per_m: f32,
+    /// See [`FactorView::max_error_px`].
+    pub max_error_px: f32,
     /// Per geometry level: where it begins to morph, its zone as a power of two.
     pub geometry: [[i32; 4]; MAX_LEVELS],
     /// Per tile level: first entry in the page table, tiles in x and z.
     pub tiles: [[u32; 4]; MAX_LEVELS],
+    /// Six planes a volume.
+    pub volumes: [[[f32; 4]; 6]; MAX_VOLUMES],
 }
 
+/// Volumes that faces can be culled by; where more look at a terrain, whole nodes are culled only.
+pub const MAX_VOLUMES: usize = 16;
+
 impl GpuTerrainView {
+    /// Sets what faces are culled by.
+    pub fn set_volumes(&mut self, volumes: &[LocalVolume]) {
+        let count = if volumes.len() > MAX_VOLUMES {
+            0
+        } else {
+            volumes.len()
+        };
+        self.volume_count = count as u32;
+        for (place, volume) in self.volumes.iter_mut().zip(&volumes[..count]) {
+            *place = volume.planes().map(|plane| plane.to_array());
+        }
+    }
+
     /// The view of `lod`, with everything that the terrain's buffers decide left at zero.
     #[must_use]
     pub fn new(
@@ -93,6 +119,9 @@ impl GpuTerrainView {
             min_triangle_m: factors.min_triangle_m,
             max_factor: factors.max_factor,
             density_strength: factors.density_strength,
+            focal_px: factors.focal_px,
+            px_per_m: factors.px_per_m,
+            max_error_px: factors.max_error_px,
             ..Self::zeroed()
         };
         for (level, entry) in view.geometry.iter_mut().enumerate() {
@@ -142,22 +171,30 @@ pub struct GpuTerrainDraw {
 }
 
 /// A node; WGSL `TerrainNode`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuTerrainNode {
     /// First lattice point.
     pub origin: [i32; 2],
     /// Level.
     pub level: i32,
+    /// The lowest height that it may be drawn with, metres.
+    pub lowest_m: f32,
+    /// The highest.
+    pub highest_m: f32,
     /// Padding.
-    pub unused: i32,
+    pub unused: u32,
 }
 
-impl From<Node> for GpuTerrainNode {
-    fn from(node: Node) -> Self {
+impl GpuTerrainNode {
+    /// A node that is drawn with heights between the two.
+    #[must_use]
+    pub fn new(node: Node, [lowest_m, highest_m]: [f32; 2]) -> Self {
         Self {
             origin: node.origin.to_array(),
             level: node.level,
+            lowest_m,
+            highest_m,
             unused: 0,
         }
     }
@@ -203,6 +240,25 @@ pub struct GpuTerrainDrawArgs {
     pub unused: [u32; 2],
 }
 
+/// What the passes count beside the draw's arguments; WGSL `counters`, by its `COUNTER_` constants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuTerrainCounters {
+    /// Faces that are drawn.
+    pub faces: u32,
+    /// Faces that no view sees.
+    pub culled_faces: u32,
+    /// Edges of the drawn faces, those inside counted from both sides.
+    pub edges: u32,
+    /// Edges that would be cut more finely but for the view's largest factor.
+    pub clamped_edges: u32,
+    /// Factors of those edges, four bins an octave from 1.
+    pub factors: [u32; 28],
+    /// Longest edges of the triangles on the screen, four bins an octave; the first holds all up to a
+    /// quarter of a pixel.
+    pub triangle_sizes: [u32; 32],
+}
+
 /// Factors of a face, less one unit each so that they fit 16 bits: the edges', then what the inside
 /// asks for itself. WGSL `pack_factors`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
@@ -212,8 +268,10 @@ pub struct GpuFaceFactors {
     pub edges: [u16; 4],
     /// Of the inside, across and down.
     pub inside: [u16; 2],
+    /// Whether no view sees the face, in the last bit.
+    pub culled: u16,
     /// Padding.
-    pub unused: [u16; 2],
+    pub unused: u16,
 }
 
 impl From<GpuFaceFactors> for FaceFactors {
@@ -221,6 +279,7 @@ impl From<GpuFaceFactors> for FaceFactors {
         Self {
             edges: factors.edges.map(|factor| u32::from(factor) + 1),
             inside: factors.inside.map(|factor| u32::from(factor) + 1),
+            culled: factors.culled != 0,
         }
     }
 }

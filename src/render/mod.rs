@@ -9,6 +9,7 @@
 //! What it doesn't do: shadows of point and spot lights are drawn from the mesh of one camera,
 //! and transparent terrains don't exist.
 
+mod counters;
 mod cull;
 mod density;
 mod draw;
@@ -18,16 +19,19 @@ mod material;
 mod passes;
 mod pipelines;
 mod prepare;
+mod statistics;
 
-pub use cull::{LocalVolume, NodeBox, TerrainNodes, TileHeightBounds, select_seen};
+pub use cull::{NodeBox, NodeCulling, TerrainNodes, TileHeightBounds, select_seen};
 pub use density::{GpuDensityPreview, GpuDensityPreviews, TerrainDensityPreview};
 pub use extract::factor_view;
 pub use gpu_types::{
-    GpuDensityJob, GpuDensityKernel, GpuDensityLevel, GpuFaceFactors, GpuTerrainDraw,
-    GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
+    GpuDensityJob, GpuDensityKernel, GpuDensityLevel, GpuFaceFactors, GpuTerrainCounters,
+    GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
+    MAX_VOLUMES,
 };
 pub use material::{DEFAULT_MATERIAL_WGSL, TerrainMaterial, compose_material};
 pub use prepare::{GpuTerrainMesh, GpuTerrainMeshes, tile_gradients};
+pub use statistics::{TerrainDiagnostics, TerrainStatistics, TerrainViewStatistics};
 
 use crate::terrain::{TerrainCamera, TerrainSystems};
 use bevy::asset::embedded_asset;
@@ -77,6 +81,9 @@ pub enum TerrainPass {
     Vertices,
     /// Triangles are listed.
     Indices,
+    /// Triangles are measured, where [`TerrainStatistics::measure_triangle_sizes`] asks for it, and
+    /// the counters are copied for the CPU to read.
+    Measure,
     /// Densities of pages are made for a [`TerrainDensityPreview`]: of all where its settings
     /// changed, of those whose heights were uploaded otherwise. Runs in frames that have such
     /// pages only. Order after it to read [`GpuDensityPreview::densities`].
@@ -92,6 +99,7 @@ impl TerrainPass {
             Self::Setup => "terrain_setup",
             Self::Vertices => "terrain_vertices",
             Self::Indices => "terrain_indices",
+            Self::Measure => "terrain_measure",
             Self::Density => "terrain_density",
         }
     }
@@ -124,6 +132,7 @@ impl Plugin for TerrainRenderPlugin {
         embedded_asset!(app, "shaders/setup.wgsl");
         embedded_asset!(app, "shaders/vertices.wgsl");
         embedded_asset!(app, "shaders/indices.wgsl");
+        embedded_asset!(app, "shaders/measure.wgsl");
         embedded_asset!(app, "shaders/vertex.wgsl");
         material::add_default_material(app.world_mut());
 
@@ -176,7 +185,11 @@ impl Plugin for TerrainRenderPlugin {
             .add_systems(
                 Render,
                 (
-                    (prepare::prepare_terrains, prepare::prepare_meshes)
+                    (
+                        counters::read_counters,
+                        prepare::prepare_terrains,
+                        prepare::prepare_meshes,
+                    )
                         .chain()
                         .in_set(TerrainRenderSystems::Prepare),
                     draw::queue_terrains.in_set(TerrainRenderSystems::Queue),
@@ -189,6 +202,7 @@ impl Plugin for TerrainRenderPlugin {
                     TerrainPass::Setup,
                     TerrainPass::Vertices,
                     TerrainPass::Indices,
+                    TerrainPass::Measure,
                 )
                     .chain()
                     .in_set(RenderGraphSystems::Render)
@@ -207,8 +221,11 @@ impl Plugin for TerrainRenderPlugin {
                     passes::setup.in_set(TerrainPass::Setup),
                     passes::vertices.in_set(TerrainPass::Vertices),
                     passes::indices.in_set(TerrainPass::Indices),
+                    (passes::measure, counters::copy_counters)
+                        .chain()
+                        .in_set(TerrainPass::Measure),
                 ),
             );
-        app.add_plugins(density::DensityPreviewPlugin);
+        app.add_plugins((density::DensityPreviewPlugin, statistics::StatisticsPlugin));
     }
 }

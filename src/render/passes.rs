@@ -14,6 +14,8 @@ use bevy::render::renderer::RenderContext;
 /// Workgroups that share the vertices, or the triangles, of a node: the nodes beside the eye hold
 /// most of a view's.
 const NODE_SHARES: u32 = 4;
+/// Workgroups that share a view's triangles when their sizes are measured.
+const MEASURE_WORKGROUPS: u32 = 256;
 /// Workgroups along one dimension of a dispatch; the rest go along the next.
 const DISPATCH_ACROSS: u32 = 1 << 15;
 
@@ -22,6 +24,7 @@ struct Pass {
     pipeline: fn(&TerrainPipelines) -> CachedComputePipelineId,
     group: fn(&MeshBindGroups) -> &BindGroup,
     workgroups: fn(u32) -> [u32; 3],
+    wants: fn(&GpuTerrainMesh) -> bool,
 }
 
 fn nodes(count: u32, shares: u32) -> [u32; 3] {
@@ -39,22 +42,26 @@ fn run(
     let Some(pipeline) = cache.get_compute_pipeline((pass.pipeline)(pipelines)) else {
         return;
     };
-    if meshes.meshes.is_empty() {
+    if !meshes.meshes.values().any(pass.wants) {
         return;
     }
     let _span = bevy::log::debug_span!("terrain_pass", pass = pass.kind.label()).entered();
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let label = pass.kind.label();
-    let mut compute = context
-        .command_encoder()
-        .begin_compute_pass(&ComputePassDescriptor {
-            label: Some(label),
-            timestamp_writes: None,
-        });
+    let encoder = context.command_encoder();
+    if pass.kind == TerrainPass::Classify {
+        for mesh in meshes.meshes.values() {
+            encoder.clear_buffer(&mesh.counters.buffer, 0, None);
+        }
+    }
+    let mut compute = encoder.begin_compute_pass(&ComputePassDescriptor {
+        label: Some(label),
+        timestamp_writes: None,
+    });
     let span = diagnostics.pass_span(&mut compute, label);
     compute.set_pipeline(pipeline);
-    for mesh in meshes.meshes.values() {
+    for mesh in meshes.meshes.values().filter(|mesh| (pass.wants)(mesh)) {
         let GpuTerrainMesh {
             groups: Some(groups),
             ..
@@ -72,6 +79,9 @@ fn run(
 
 macro_rules! pass_system {
     ($name:ident, $kind:ident, $workgroups:expr) => {
+        pass_system!($name, $kind, $workgroups, |_| true);
+    };
+    ($name:ident, $kind:ident, $workgroups:expr, $wants:expr) => {
         pub(super) fn $name(
             meshes: Res<GpuTerrainMeshes>,
             pipelines: Res<TerrainPipelines>,
@@ -83,6 +93,7 @@ macro_rules! pass_system {
                 pipeline: |pipelines| pipelines.$name,
                 group: |groups| &groups.$name,
                 workgroups: $workgroups,
+                wants: $wants,
             };
             run(&pass, &meshes, &pipelines, &cache, &mut context);
         }
@@ -93,6 +104,9 @@ pass_system!(classify, Classify, |count| nodes(count, 1));
 pass_system!(setup, Setup, |_| [1, 1, 1]);
 pass_system!(vertices, Vertices, |count| nodes(count, NODE_SHARES));
 pass_system!(indices, Indices, |count| nodes(count, NODE_SHARES));
+pass_system!(measure, Measure, |_| [MEASURE_WORKGROUPS, 1, 1], |mesh| {
+    mesh.is_measured()
+});
 
 /// Workgroups that share the densities of a page, four rows of texels each.
 const DENSITY_STRIPS: u32 = 8;

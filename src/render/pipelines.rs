@@ -1,8 +1,8 @@
 //! Layouts and pipelines of the passes and the draws, made once a device.
 
 use super::gpu_types::{
-    GpuDensityJob, GpuDensityKernel, GpuFaceFactors, GpuTerrainDraw, GpuTerrainDrawArgs,
-    GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
+    GpuDensityJob, GpuDensityKernel, GpuFaceFactors, GpuTerrainCounters, GpuTerrainDraw,
+    GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
 };
 use bevy::asset::load_embedded_asset;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
@@ -41,6 +41,7 @@ pub(super) struct TerrainPipelines {
     pub(super) setup_layout: BindGroupLayoutDescriptor,
     pub(super) vertices_layout: BindGroupLayoutDescriptor,
     pub(super) indices_layout: BindGroupLayoutDescriptor,
+    pub(super) measure_layout: BindGroupLayoutDescriptor,
     pub(super) density_layout: BindGroupLayoutDescriptor,
     pub(super) draw_layout: BindGroupLayoutDescriptor,
     /// The draws' layout while there is a preview of densities.
@@ -50,6 +51,7 @@ pub(super) struct TerrainPipelines {
     pub(super) setup: CachedComputePipelineId,
     pub(super) vertices: CachedComputePipelineId,
     pub(super) indices: CachedComputePipelineId,
+    pub(super) measure: CachedComputePipelineId,
     pub(super) density: CachedComputePipelineId,
     pub(super) gradient_sampler: Sampler,
 }
@@ -73,6 +75,7 @@ pub(super) fn init_terrain_pipelines(
     let pair = NonZeroU64::new(8);
     let factors = size_of_pod::<GpuFaceFactors>();
     let args = size_of_pod::<GpuTerrainDrawArgs>();
+    let counters = size_of_pod::<GpuTerrainCounters>();
     let compute = ShaderStages::COMPUTE;
 
     let inputs_layout = BindGroupLayoutDescriptor::new(
@@ -91,7 +94,10 @@ pub(super) fn init_terrain_pipelines(
     );
     let classify_layout = BindGroupLayoutDescriptor::new(
         "terrain_classify_layout",
-        &BindGroupLayoutEntries::with_indices(compute, ((0, write(factors)), (1, write(pair)))),
+        &BindGroupLayoutEntries::with_indices(
+            compute,
+            ((0, write(factors)), (1, write(pair)), (6, write(counters))),
+        ),
     );
     let setup_layout = BindGroupLayoutDescriptor::new(
         "terrain_setup_layout",
@@ -121,6 +127,18 @@ pub(super) fn init_terrain_pipelines(
                 (2, read(pair)),
                 (3, read(args)),
                 (5, write(word)),
+            ),
+        ),
+    );
+    let measure_layout = BindGroupLayoutDescriptor::new(
+        "terrain_measure_layout",
+        &BindGroupLayoutEntries::with_indices(
+            compute,
+            (
+                (3, read(args)),
+                (4, read(size_of_pod::<GpuTerrainVertex>())),
+                (5, read(word)),
+                (6, write(counters)),
             ),
         ),
     );
@@ -189,6 +207,11 @@ pub(super) fn init_terrain_pipelines(
         load_embedded_asset!(assets, "shaders/indices.wgsl"),
         &indices_layout,
     );
+    let measure = pass(
+        "measure",
+        load_embedded_asset!(assets, "shaders/measure.wgsl"),
+        &measure_layout,
+    );
 
     let density = pipeline_cache.queue_compute_pipeline(ComputePipelineDescriptor {
         label: Some("terrain_density_pipeline".into()),
@@ -211,12 +234,14 @@ pub(super) fn init_terrain_pipelines(
         setup,
         vertices,
         indices,
+        measure,
         density,
         inputs_layout,
         classify_layout,
         setup_layout,
         vertices_layout,
         indices_layout,
+        measure_layout,
         density_layout,
         draw_layout,
         preview_draw_layout,

@@ -1,5 +1,6 @@
 //! Buffers, textures and bind groups: made when they are missing or too small, never for nothing.
 
+use super::counters::Counters;
 use super::density::{DensityBuffers, GpuDensityPreviews};
 use super::extract::{ExtractedTerrain, ExtractedTerrains, ExtractedView, PageUpload};
 use super::gpu_types::{
@@ -7,13 +8,14 @@ use super::gpu_types::{
     GpuTerrainView,
 };
 use super::pipelines::TerrainPipelines;
+use super::statistics::TerrainViewStatistics;
 use crate::tessellate::FACTOR_SCALES;
 use crate::tile::{DENSITY_TEXELS, HeightTile, TILE_STORED};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use bevy::render::render_resource::{
-    BindGroup, BindGroupEntries, Buffer, BufferDescriptor, BufferUsages, Extent3d, Origin3d,
-    PipelineCache, TexelCopyBufferLayout, TexelCopyTextureInfo, Texture, TextureAspect,
+    BindGroup, BindGroupEntries, Buffer, BufferDescriptor, BufferUsages, CommandEncoder, Extent3d,
+    Origin3d, PipelineCache, TexelCopyBufferLayout, TexelCopyTextureInfo, Texture, TextureAspect,
     TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
     TextureViewDescriptor, TextureViewDimension,
 };
@@ -26,6 +28,15 @@ const PAGES_ACROSS: u32 = 8;
 const PAGES_A_LAYER: u32 = PAGES_ACROSS * PAGES_ACROSS;
 /// Bytes a vertex and its six indices take at most; see [`largest_room`].
 const INDICES_A_VERTEX: u64 = 6;
+
+/// Vertices that a view has room for before anything was counted.
+const FIRST_ROOM: u32 = 1 << 18;
+/// Vertices by which that room grows.
+const ROOM_STEP: u32 = 1 << 16;
+/// How much of its budget a view that would want more is allowed to fill.
+const FULLEST: f32 = 0.9;
+/// The most that a budget widens triangles; nothing is left to be won there.
+const WIDEST: f32 = 256.0;
 
 /// A terrain's pages and tables on the GPU.
 pub(super) struct GpuTerrain {
@@ -66,6 +77,17 @@ pub struct GpuTerrainMesh {
     face_room: u64,
     vertex_room: u32,
     node_count: u32,
+    pub(super) counters: Counters,
+    /// Whether triangle sizes are measured in this frame.
+    measured: bool,
+    /// Vertices that the view wanted when last counted, with its triangles' if those need more room.
+    wanted_vertices: u32,
+    /// What widths are multiplied by so that the view keeps within its budget.
+    width_scale: f32,
+    /// The budget, vertices.
+    max_vertices: u32,
+    /// Vertices that a face has at the least.
+    least_a_face: u32,
     /// What this frame's view was, as the passes see it.
     uniform: GpuTerrainView,
     /// Rises when a buffer is replaced.
@@ -81,6 +103,7 @@ pub(super) struct MeshBindGroups {
     pub(super) setup: BindGroup,
     pub(super) vertices: BindGroup,
     pub(super) indices: BindGroup,
+    pub(super) measure: BindGroup,
     pub(super) draw: BindGroup,
     /// The same with the preview of densities, while there is one.
     pub(super) preview_draw: Option<BindGroup>,
@@ -363,6 +386,12 @@ impl GpuTerrainMesh {
             face_room: 0,
             vertex_room: 0,
             node_count: 0,
+            counters: Counters::new(device),
+            measured: false,
+            wanted_vertices: 0,
+            width_scale: 1.0,
+            max_vertices: 0,
+            least_a_face: 4,
             uniform: bytemuck::Zeroable::zeroed(),
             generation: 0,
             seen: false,
@@ -397,11 +426,24 @@ impl GpuTerrainMesh {
             replaced = true;
         }
         // The least factor everywhere always fits.
-        let least = u64::from(extracted.partitioning.least_vertices());
-        let least = u32::try_from(least * faces)
+        self.least_a_face = extracted.partitioning.least_vertices();
+        let least = u32::try_from(u64::from(self.least_a_face) * faces)
             .unwrap_or(u32::MAX)
             .next_power_of_two();
-        let room = extracted.max_vertices.max(least).min(largest_room(device));
+        self.max_vertices = extracted.max_vertices;
+        let most = extracted.max_vertices.max(least).min(largest_room(device));
+        // A quarter more than wanted, so that few frames find too little.
+        let wanted = self
+            .wanted_vertices
+            .saturating_add(self.wanted_vertices / 4);
+        let wanted = wanted
+            .checked_next_multiple_of(ROOM_STEP)
+            .unwrap_or(u32::MAX);
+        let room = wanted
+            .max(FIRST_ROOM)
+            .max(least)
+            .max(self.vertex_room)
+            .min(most);
         if self.vertex_room != room {
             self.vertex_room = room;
             let bytes = u64::from(room) * size_of::<GpuTerrainVertex>() as u64;
@@ -424,9 +466,46 @@ impl GpuTerrainMesh {
         }
     }
 
+    /// Follows what was counted: buffers are to grow, and past the budget triangles.
+    pub(super) fn follow(&mut self, counted: &TerrainViewStatistics) {
+        let wanted = counted
+            .wanted_vertices
+            .max(counted.wanted_triangles.div_ceil(2));
+        self.wanted_vertices = wanted;
+        // What faces have at the least stays; the rest falls with the square of the width.
+        let least = counted.counters.faces as f32 * self.least_a_face as f32;
+        let movable = (wanted as f32 - least).max(1.0);
+        let budget = (FULLEST * self.max_vertices as f32 - least).max(0.01 * movable);
+        let needed = counted.width_scale * (movable / budget).sqrt();
+        let relaxes = self.width_scale > 1.0 && needed < 0.97 * self.width_scale;
+        if wanted > self.max_vertices || relaxes {
+            self.width_scale = needed.clamp(1.0, WIDEST);
+        }
+    }
+
+    /// Whether triangle sizes are measured in this frame.
+    pub(super) const fn is_measured(&self) -> bool {
+        self.measured
+    }
+
+    /// Copies this frame's counters to where the CPU can read them.
+    pub(super) fn copy_counters(&mut self, encoder: &mut CommandEncoder) {
+        self.counters.copy(
+            encoder,
+            &self.args,
+            self.vertex_room,
+            self.width_scale,
+            self.measured,
+        );
+    }
+
     fn write(&mut self, queue: &RenderQueue, extracted: &ExtractedView, density_opacity: f32) {
         self.node_count = extracted.nodes.len() as u32;
+        self.measured = extracted.measure_triangle_sizes;
         self.uniform = extracted.view;
+        self.uniform.segments_per_radian /= self.width_scale;
+        self.uniform.segments_per_m /= self.width_scale;
+        self.uniform.max_error_px *= self.width_scale;
         self.uniform.max_vertices = self.vertex_room;
         self.uniform.max_triangles = self.vertex_room.saturating_mul(2);
         queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&self.uniform));
@@ -478,6 +557,7 @@ impl GpuTerrainMesh {
                 &BindGroupEntries::with_indices((
                     (0, self.factors.as_entire_binding()),
                     (1, self.totals.as_entire_binding()),
+                    (6, self.counters.buffer.as_entire_binding()),
                 )),
             ),
             setup: group(
@@ -507,6 +587,16 @@ impl GpuTerrainMesh {
                     (2, self.offsets.as_entire_binding()),
                     (3, self.args.as_entire_binding()),
                     (5, self.indices.as_entire_binding()),
+                )),
+            ),
+            measure: group(
+                "terrain_measure_bind_group",
+                &pipelines.measure_layout,
+                &BindGroupEntries::with_indices((
+                    (3, self.args.as_entire_binding()),
+                    (4, self.vertices.as_entire_binding()),
+                    (5, self.indices.as_entire_binding()),
+                    (6, self.counters.buffer.as_entire_binding()),
                 )),
             ),
             draw: group(

@@ -26,6 +26,8 @@ pub struct FaceFactors {
     pub edges: [u32; 4],
     /// What the inside asks for itself, across and down; private to the face.
     pub inside: [u32; 2],
+    /// No view sees the face: it has no vertices and no triangles.
+    pub culled: bool,
 }
 
 impl FaceFactors {
@@ -35,6 +37,7 @@ impl FaceFactors {
         Self {
             edges: self.edges.map(|factor| scaled_factor(factor, scale)),
             inside: self.inside.map(|factor| scaled_factor(factor, scale)),
+            culled: self.culled,
         }
     }
 }
@@ -126,7 +129,9 @@ impl Face {
     /// what the inside asks for; where the grid reaches the edges, one for both.
     #[must_use]
     pub fn inner_factors(&self) -> [u32; 2] {
-        let FaceFactors { edges: f, inside } = self.factors;
+        let FaceFactors {
+            edges: f, inside, ..
+        } = self.factors;
         let inner = [f[0].max(f[2]).max(inside[0]), f[1].max(f[3]).max(inside[1])];
         if self.partitioning == Partitioning::PowerOfTwoMorph {
             return [inner[0].max(inner[1]); 2];

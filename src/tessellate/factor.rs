@@ -33,6 +33,13 @@ pub struct FactorView {
     pub min_triangle_m: f32,
     /// The largest factor, at most 64.
     pub max_factor: f32,
+    /// Pixels a radian in the middle of the picture: the focal length; 0 in orthographic views.
+    pub focal_px: f32,
+    /// Pixels a metre in orthographic views, else 0.
+    pub px_per_m: f32,
+    /// The vertical error that may be left on the screen, in pixels: factors follow from the stored
+    /// bounds of it and not from the triangle width. 0 for factors by triangle width.
+    pub max_error_px: f32,
     /// How far densities count, 0 (not at all) to 1 (in full): a factor is scaled by
     /// `1 - strength + strength * density`.
     pub density_strength: f32,

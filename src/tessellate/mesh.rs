@@ -2,11 +2,11 @@
 
 use super::height::height;
 use super::{
-    DensityReader, EdgeEnd, FACTOR_SCALES, Face, FaceFactors, FaceVertex, FactorView, PageSource,
-    Partitioning,
+    DensityReader, EdgeEnd, FACTOR_SCALES, Face, FaceFactors, FaceVertex, FactorView, LocalVolume,
+    PageSource, Partitioning,
 };
 use crate::lattice::{Lattice, Node, ONE, ResidencyField, ViewLod};
-use glam::IVec2;
+use glam::{IVec2, Vec3};
 
 /// The corners of a face, around it.
 const AROUND: [IVec2; 4] = [IVec2::ZERO, IVec2::X, IVec2::ONE, IVec2::Y];
@@ -35,6 +35,14 @@ pub struct TerrainMesh {
     pub scale: u32,
 }
 
+/// What faces are culled by.
+pub struct FaceCulling<'a> {
+    /// Everything that looks at the view's nodes.
+    pub volumes: &'a [LocalVolume],
+    /// The lowest and the highest height that a node may be drawn with, metres.
+    pub heights_m: &'a dyn Fn(&Node) -> [f32; 2],
+}
+
 /// Everything that a view's mesh follows from.
 pub struct ViewMesh<'a, S: PageSource> {
     /// The terrain's grid.
@@ -57,6 +65,8 @@ pub struct ViewMesh<'a, S: PageSource> {
     pub max_vertices: u32,
     /// Triangles that there is room for.
     pub max_triangles: u32,
+    /// What faces are culled by; `None` draws all.
+    pub culling: Option<FaceCulling<'a>>,
 }
 
 impl<S: PageSource> ViewMesh<'_, S> {
@@ -132,7 +142,26 @@ impl<S: PageSource> ViewMesh<'_, S> {
                 view.factor(edges[e], density)
             }),
             inside: [inside[0].max(inside[2]), inside[1].max(inside[3])],
+            culled: self.is_culled(node, &ends.map(|end| end.point)),
         }
+    }
+
+    /// Whether no volume may hold any of a face, wherever between the node's bounds its ground lies.
+    fn is_culled(&self, node: &Node, corners: &[IVec2; 4]) -> bool {
+        let Some(culling) = &self.culling else {
+            return false;
+        };
+        let [lowest_m, highest_m] = (culling.heights_m)(node);
+        let unit_m = self.factor_view.unit_m;
+        let low = corners.iter().fold(IVec2::MAX, |low, p| low.min(*p));
+        let high = corners.iter().fold(IVec2::MIN, |high, p| high.max(*p));
+        let (low, high) = (low.as_vec2() * unit_m, high.as_vec2() * unit_m);
+        let low = Vec3::new(low.x, lowest_m, low.y);
+        let high = Vec3::new(high.x, highest_m, high.y);
+        !culling
+            .volumes
+            .iter()
+            .any(|volume| volume.may_hold(low, high))
     }
 
     /// Runs all passes over `nodes`: classify, setup, vertices, indices.
@@ -159,6 +188,9 @@ impl<S: PageSource> ViewMesh<'_, S> {
             ..Default::default()
         };
         for ((node, face), factors) in faces.iter().zip(&factors) {
+            if factors.culled {
+                continue;
+            }
             let face = self.face(self.corners(node, *face), factors, scale);
             let counts = face.counts();
             #[expect(clippy::cast_possible_truncation, reason = "bounded by max_vertices")]
@@ -184,7 +216,7 @@ impl<S: PageSource> ViewMesh<'_, S> {
         (0..last)
             .find(|&scale| {
                 let (mut vertices, mut triangles) = (0_u64, 0_u64);
-                for factors in factors {
+                for factors in factors.iter().filter(|factors| !factors.culled) {
                     let counts = self.face([IVec2::ZERO; 4], factors, scale).counts();
                     vertices += u64::from(counts.vertices());
                     triangles += u64::from(counts.triangles());

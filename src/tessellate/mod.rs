@@ -17,16 +17,18 @@ mod height;
 mod mesh;
 mod partition;
 mod strip;
+mod volume;
 
 pub use edge_density::{DENSITY_ONE, DensityReader};
 pub use face::{Face, FaceCounts, FaceFactors, FaceVertex, runs_forward};
 pub use factor::{EdgeEnd, FactorView, ProjectedEdge};
 pub use height::{PageSource, Pages};
-pub use mesh::{TerrainMesh, TerrainVertex, ViewMesh};
+pub use mesh::{FaceCulling, TerrainMesh, TerrainVertex, ViewMesh};
 pub use partition::{
     FACTOR_LOG2, FACTOR_MAX, FACTOR_ONE, Partitioning, rise, scaled_factor, segment_count,
     segment_parameter,
 };
+pub use volume::LocalVolume;
 
 /// Scales that a view's factors can be brought down by, finest first: `1/2^0 ..= 1/2^6`. With
 /// the last, every factor is 1.

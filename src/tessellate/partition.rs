@@ -236,7 +236,7 @@ mod tests {
         for count in [2, 4, 8, 16, 32, 64] {
             assert!(rise((count << (FACTOR_LOG2 - 1)) + 1, count) <= ONE / 128);
             assert_eq!(rise(count << FACTOR_LOG2, count), ONE);
-            let half = rise(count * 3 << (FACTOR_LOG2 - 2), count);
+            let half = rise((count * 3) << (FACTOR_LOG2 - 2), count);
             assert!((half - ONE * 20 / 27).abs() < 4, "{half}");
         }
     }

@@ -71,9 +71,15 @@ pub struct ReadBack {
     pub factor_view: FactorView,
     pub pages: Pages,
     pub settings: TerrainCamera,
+    /// The room that there was in this frame.
+    pub max_vertices: u32,
     pub height_min_m: f32,
     pub height_step_m: f32,
 }
+
+/// While it is there, only what is seen is drawn.
+#[derive(Resource)]
+pub struct Culled;
 
 /// Every node, seen or not: culling is tested by itself.
 fn draw_everything(
@@ -83,6 +89,7 @@ fn draw_everything(
     for (views, mut drawn) in &mut cameras {
         for view in &views.views {
             let state = terrains.get(view.terrain).unwrap();
+            drawn.culling.remove(&view.terrain);
             let nodes = drawn.nodes.entry(view.terrain).or_default();
             nodes.clear();
             if state.is_ready() {
@@ -106,7 +113,9 @@ impl Kernels {
         let mut app = app::app(assets, false);
         app.add_systems(
             PostUpdate,
-            draw_everything.after(TerrainRenderSystems::Cull),
+            draw_everything
+                .after(TerrainRenderSystems::Cull)
+                .run_if(not(resource_exists::<Culled>)),
         );
         app::finish(&mut app);
         let target = app::target(&mut app, size.x, size.y);
@@ -202,7 +211,13 @@ impl Kernels {
             nodes,
             lod: view.lod,
             field: state.field().clone(),
-            factor_view: factor_view(camera, &settings, &view, state).unwrap(),
+            factor_view: FactorView {
+                segments_per_radian: mesh.uniform().segments_per_radian,
+                segments_per_m: mesh.uniform().segments_per_m,
+                max_error_px: mesh.uniform().max_error_px,
+                ..factor_view(camera, &settings, &view, state).unwrap()
+            },
+            max_vertices: mesh.uniform().max_vertices,
             pages,
             settings,
             height_min_m: file.height_min_m as f32,
@@ -223,8 +238,9 @@ impl ReadBack {
             pages: &self.pages,
             height_min_m: self.height_min_m,
             height_step_m: self.height_step_m,
-            max_vertices: self.settings.max_vertices,
-            max_triangles: 2 * self.settings.max_vertices,
+            max_vertices: self.max_vertices,
+            max_triangles: 2 * self.max_vertices,
+            culling: None,
         }
     }
 

@@ -1,6 +1,6 @@
 #define_import_path bevy_tessera::bindings
 
-#import bevy_tessera::types::{TerrainView, TerrainNode, TerrainVertex, TerrainDrawArgs}
+#import bevy_tessera::types::{COUNTERS, TerrainView, TerrainNode, TerrainVertex, TerrainDrawArgs}
 
 // Group 0: what a view's mesh is made from.
 @group(0) @binding(0) var<uniform> terrain_view: TerrainView;
@@ -20,4 +20,7 @@
 @group(1) @binding(3) var<storage, read_write> setup_args: TerrainDrawArgs;
 @group(1) @binding(3) var<storage, read> draw_args: TerrainDrawArgs;
 @group(1) @binding(4) var<storage, read_write> mesh_vertices: array<TerrainVertex>;
+@group(1) @binding(4) var<storage, read> drawn_vertices: array<TerrainVertex>;
 @group(1) @binding(5) var<storage, read_write> mesh_indices: array<u32>;
+@group(1) @binding(5) var<storage, read> drawn_indices: array<u32>;
+@group(1) @binding(6) var<storage, read_write> counters: array<atomic<u32>, COUNTERS>;

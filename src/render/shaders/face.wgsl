@@ -29,25 +29,33 @@ struct FaceVertex {
 struct FaceFactors {
     edges: vec4<u32>,
     inside: vec2<u32>,
+    // No view sees the face: it has no vertices and no triangles.
+    culled: bool,
 }
 
 // A factor less one unit fits 16 bits.
 fn pack_factors(factors: FaceFactors) -> vec4<u32> {
     let e = factors.edges - 1u;
     let i = factors.inside - 1u;
-    return vec4(e.x | (e.y << 16u), e.z | (e.w << 16u), i.x | (i.y << 16u), 0u);
+    let culled = u32(factors.culled);
+    return vec4(e.x | (e.y << 16u), e.z | (e.w << 16u), i.x | (i.y << 16u), culled);
 }
 
 fn unpack_factors(packed: vec4<u32>) -> FaceFactors {
     let low = (packed & vec4(0xffffu)) + 1u;
     let high = (packed >> vec4(16u)) + 1u;
-    return FaceFactors(vec4(low.x, high.x, low.y, high.y), vec2(low.z, high.z));
+    return FaceFactors(
+        vec4(low.x, high.x, low.y, high.y),
+        vec2(low.z, high.z),
+        (packed.w & 1u) != 0u,
+    );
 }
 
 fn scaled_factors(factors: FaceFactors, factor_scale: u32) -> FaceFactors {
     return FaceFactors(
         max(factors.edges >> vec4(factor_scale), vec4(FACTOR_ONE)),
         max(factors.inside >> vec2(factor_scale), vec2(FACTOR_ONE)),
+        factors.culled,
     );
 }
 
@@ -177,6 +185,15 @@ fn face_vertices(counts: FaceCounts) -> u32 {
         return 4u;
     }
     return edge_total(counts) + (counts.inner.x - 1u) * (counts.inner.y - 1u);
+}
+
+// Vertices and triangles of a face, by its factors.
+fn face_totals(factors: FaceFactors) -> vec2<u32> {
+    if factors.culled {
+        return vec2(0u);
+    }
+    let counts = face_counts(factors);
+    return vec2(face_vertices(counts), face_triangles(counts));
 }
 
 fn face_triangles(counts: FaceCounts) -> u32 {

@@ -5,7 +5,7 @@
 
 #import bevy_tessera::types::TerrainNode
 #import bevy_tessera::bindings::{terrain_view, face_factors, draw_args}
-#import bevy_tessera::face::{face_counts, face_vertices, face_triangles, scaled_factors, unpack_factors}
+#import bevy_tessera::face::{face_totals, scaled_factors, unpack_factors}
 
 const LANES: u32 = 256u;
 // faces_per_side is at most 32.
@@ -28,9 +28,8 @@ fn scan_faces(node_index: u32, lane: u32) -> vec2<u32> {
     for (var face = first; face < last; face++) {
         let packed = face_factors[node_index * faces + face];
         let factors = scaled_factors(unpack_factors(packed), draw_args.scale);
-        let counts = face_counts(factors);
         face_places[face] = sum;
-        sum += vec2(face_vertices(counts), face_triangles(counts));
+        sum += face_totals(factors);
     }
     lane_sums[lane] = sum;
     for (var stride = 1u; stride < LANES; stride <<= 1u) {

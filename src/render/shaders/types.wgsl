@@ -11,6 +11,15 @@ const FACTOR_ONE: u32 = 1024u;
 const FACTOR_MAX: u32 = 65536u;
 // Scales that a view's factors can be brought down by.
 const FACTOR_SCALES: u32 = 7u;
+// What `counters` holds: faces drawn, faces culled, edges of drawn faces, those of them that would be
+// cut more finely but for the largest factor, then the factors' and the triangle sizes' histograms.
+const COUNTER_FACES: u32 = 0u;
+const COUNTER_CULLED: u32 = 1u;
+const COUNTER_EDGES: u32 = 2u;
+const COUNTER_CLAMPED: u32 = 3u;
+const COUNTER_FACTORS: u32 = 4u;
+const COUNTER_SIZES: u32 = 32u;
+const COUNTERS: u32 = 64u;
 // Levels that a view can hold.
 const MAX_LEVELS: u32 = 24u;
 // Samples along a tile's side, its border before them, and its stored side.
@@ -68,10 +77,19 @@ struct TerrainView {
     field_cells: vec2<u32>,
     max_triangles: u32,
     density_strength: f32,
+    // Volumes that faces are culled by; with 0 none is.
+    volume_count: u32,
+    // Pixels a radian in the middle of the picture; 0 in orthographic views, which have pixels a metre.
+    focal_px: f32,
+    px_per_m: f32,
+    // The error that the screen-error policy allows; 0 under the policy of triangle widths.
+    max_error_px: f32,
     // x: where the level begins to morph; y: its zone's length as a power of two.
     geometry: array<vec4<i32>, 24>,
     // x: the level's first entry in the page table; y, z: tiles across and down.
     tiles: array<vec4<u32>, 24>,
+    // Six planes a volume.
+    volumes: array<vec4<f32>, 96>,
 }
 
 // How a view's mesh comes to stand in the world.
@@ -101,7 +119,10 @@ struct TerrainDraw {
 struct TerrainNode {
     origin: vec2<i32>,
     level: i32,
-    unused: i32,
+    // Between which heights it may be drawn, metres.
+    lowest_m: f32,
+    highest_m: f32,
+    unused: u32,
 }
 
 struct TerrainVertex {
