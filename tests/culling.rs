@@ -60,7 +60,7 @@ fn no_dropped_node_reaches_into_the_frustum() {
         let bounds = TileHeightBounds::new(state.manifest());
         select_seen(state, &bounds, &view.lod, &[volume], &mut seen);
         let seen: HashSet<_> = seen.into_iter().collect();
-        let twin = frame.twin(state);
+        let twin = frame.twin();
         let unit_m = state.lattice().unit_m(state.manifest().file.spacing_m);
         kept_count += seen.len();
         for node in frame.nodes.iter().filter(|node| !seen.contains(node)) {
@@ -114,7 +114,6 @@ fn no_culled_face_reaches_into_the_frustum() {
         let eye = Transform::from_translation(place).looking_to(towards, Vec3::Y);
         kernels.set_camera(eye, TerrainCamera::default());
         let frame = kernels.frame();
-        let state = kernels.state();
         let world = kernels.app.world();
         let drawn = world.get::<TerrainNodes>(kernels.camera).unwrap();
         let NodeCulling { heights_m, volumes } = &drawn.culling[&kernels.terrain];
@@ -128,7 +127,7 @@ fn no_culled_face_reaches_into_the_frustum() {
                 volumes,
                 heights_m: &of_node,
             }),
-            ..frame.twin(state)
+            ..frame.twin()
         };
         let faces = frame.factors.len() / frame.nodes.len();
         let unit_m = twin.factor_view.unit_m;

@@ -11,9 +11,9 @@ use common::gpu::{Kernels, ReadBack};
 use common::random::Random;
 
 /// Compares a frame with the twin's; returns the largest differences of factors and heights.
-fn compare(kernels: &Kernels, frame: &ReadBack) -> (u32, f32) {
-    let twin = frame.twin(kernels.state());
-    let faces_a_node = 1 << (2 * kernels.state().lattice().faces_log2);
+fn compare(frame: &ReadBack) -> (u32, f32) {
+    let twin = frame.twin();
+    let faces_a_node = 1 << (2 * frame.lattice.faces_log2);
     let faces: Vec<_> = frame
         .nodes
         .iter()
@@ -61,7 +61,6 @@ fn vertices_and_triangles_equal_the_twins() {
     for (leaf_level, faces_per_side) in [(0, 8), (-2, 4), (0, 2)] {
         let settings = TerrainSettings {
             leaf_level,
-            faces_per_side,
             // Frames are to catch the field in motion.
             activations_per_frame: 4,
             ..default()
@@ -72,11 +71,12 @@ fn vertices_and_triangles_equal_the_twins() {
                 partitioning: Partitioning::ALL[n % Partitioning::ALL.len()],
                 triangle_width_px: random.pick(&[1.0, 3.0, 8.0]),
                 density: random.pick(&[0.0, 0.6, 1.0, 1.0]),
+                faces_per_side,
                 ..default()
             };
             kernels.set_camera(eye(&mut random), camera);
             let frame = kernels.frame();
-            let (factors, heights) = compare(&kernels, &frame);
+            let (factors, heights) = compare(&frame);
             assert!(!frame.triangles.is_empty());
             assert!(factors <= 1, "factors differ by {factors} units");
             assert!(
@@ -105,7 +105,7 @@ fn an_orthographic_view_has_one_level_and_equals_its_twin() {
     for _ in 0..3 {
         let frame = kernels.frame();
         assert_eq!(frame.levels(), 1);
-        compare(&kernels, &frame);
+        compare(&frame);
     }
 }
 
@@ -132,7 +132,7 @@ fn a_view_that_wants_more_than_its_buffers_hold_is_brought_down_as_a_whole() {
     assert!(frame.args.scale > 0);
     assert!(frame.args.vertices <= whole.args.vertices / 3);
     assert_eq!(frame.args.wanted_vertices, whole.args.vertices);
-    compare(&kernels, &frame);
+    compare(&frame);
     let state = kernels.state();
     common::manifold::check(
         state.lattice(),

@@ -318,7 +318,6 @@ fn settings_that_cannot_be_used_fall_back() {
     let mut world = World3::new([300, 300]);
     let terrain = world.spawn(TerrainSettings {
         leaf_level: 3,
-        faces_per_side: 7,
         page_capacity: 0,
         fade_levels_per_s: -1.0,
         ..default()
@@ -326,6 +325,7 @@ fn settings_that_cannot_be_used_fall_back() {
     let (_, at) = camera(100.0, 100.0);
     let mut bad = TerrainCamera::default();
     bad.lod.reach = 2.5;
+    bad.faces_per_side = 7;
     world.app.world_mut().spawn((bad, at));
     world.settle(terrain);
     let state = world.state(terrain);

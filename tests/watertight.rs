@@ -253,7 +253,6 @@ mod on_the_gpu {
         let settings = TerrainSettings {
             // Small nodes, so that several levels meet on a terrain of a thousand samples.
             leaf_level: -2,
-            faces_per_side: 4,
             // The field is to be in motion in most frames.
             activations_per_frame: 6,
             page_capacity: 90,
@@ -272,6 +271,7 @@ mod on_the_gpu {
             let camera = TerrainCamera {
                 partitioning: Partitioning::ALL[n % Partitioning::ALL.len()],
                 triangle_width_px: random.pick(&[2.0, 4.0, 8.0]),
+                faces_per_side: 4,
                 ..default()
             };
             let eye = Transform::from_translation(place).looking_to(towards, Vec3::Y);

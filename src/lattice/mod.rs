@@ -34,6 +34,8 @@ pub const MAX_LEVELS: usize = 24;
 pub const EXTENT_LOG2: u32 = 30;
 /// Lattice units per sample, as a power of two, where the terrain's size doesn't force fewer.
 pub const UNIT_LOG2_MAX: u32 = 12;
+/// Faces along a node's side where nothing else is asked for.
+pub const DEFAULT_FACES_PER_SIDE: u32 = 8;
 /// A face of the finest level is at least two to this power units long.
 const LEAF_FACE_LOG2_MIN: u32 = 6;
 
@@ -108,14 +110,11 @@ impl Lattice {
         leaf_level: i32,
         faces_per_side: u32,
     ) -> Result<Self, LatticeError> {
-        if !faces_per_side.is_power_of_two() || !(2..=32).contains(&faces_per_side) {
-            return Err(LatticeError::FacesPerSide(faces_per_side));
-        }
+        let faces_log2 = faces_log2(faces_per_side)?;
         if !(-8..=0).contains(&leaf_level) {
             return Err(LatticeError::LeafLevel(leaf_level));
         }
         let too_large = LatticeError::TooLarge { levels, leaf_level };
-        let faces_log2 = faces_per_side.ilog2();
         let root_log2 = TILE_SAMPLES.ilog2() + u32::from(levels.max(1)) - 1;
         let unit_log2 = EXTENT_LOG2
             .checked_sub(root_log2)
@@ -138,6 +137,21 @@ impl Lattice {
             root_level: i32::from(levels.max(1)) - 1,
             faces_log2,
         })
+    }
+
+    /// The same grid with nodes of another number of faces.
+    ///
+    /// # Errors
+    /// Where that is no power of two from 2 to 32, or the finest faces would be too small.
+    pub fn with_faces_per_side(self, faces_per_side: u32) -> Result<Self, LatticeError> {
+        let faces_log2 = faces_log2(faces_per_side)?;
+        if self.node_log2(self.leaf_level) < faces_log2 + LEAF_FACE_LOG2_MIN {
+            return Err(LatticeError::TooLarge {
+                levels: u8::try_from(self.root_level + 1).unwrap_or(u8::MAX),
+                leaf_level: self.leaf_level,
+            });
+        }
+        Ok(Self { faces_log2, ..self })
     }
 
     /// Lattice units along the side of a node of `level`, as a power of two.
@@ -204,6 +218,17 @@ impl Lattice {
         let slide = scale(step, morph);
         self.clamp(grid - (ij & 1) * slide)
     }
+}
+
+/// `faces_per_side` as a power of two.
+///
+/// # Errors
+/// Where it is none, or not in 2..=32.
+pub fn faces_log2(faces_per_side: u32) -> Result<u32, LatticeError> {
+    if !faces_per_side.is_power_of_two() || !(2..=32).contains(&faces_per_side) {
+        return Err(LatticeError::FacesPerSide(faces_per_side));
+    }
+    Ok(faces_per_side.ilog2())
 }
 
 /// `d * t / ONE`, rounded down, split so that 32 bits hold every product: `d` within 30 bits,

@@ -222,7 +222,7 @@ pub(super) fn extract_terrains(
                 .and_then(|known| known.world_from_local)
                 .unwrap_or(view.world_from_local);
             let mut gpu_view =
-                GpuTerrainView::new(state.lattice(), &view.lod, &factors, settings.partitioning);
+                GpuTerrainView::new(&view.lattice, &view.lod, &factors, settings.partitioning);
             gpu_view.node_count = nodes.len() as u32;
             gpu_view.height_min_m = state.manifest().file.height_min_m as f32;
             gpu_view.height_step_m = state.manifest().file.height_step_m as f32;

@@ -3,7 +3,7 @@
 use super::planner::Planner;
 use super::residency::Residency;
 use super::{PageTable, TileBounds};
-use crate::lattice::{Lattice, LatticeError, ResidencyField, ViewLod};
+use crate::lattice::{DEFAULT_FACES_PER_SIDE, Lattice, LatticeError, ResidencyField, ViewLod};
 use crate::terrain::{TerrainManifest, TerrainSettings};
 use crate::tile::{TerrainTile, TileAddress};
 use bevy::asset::{AssetId, AssetPath};
@@ -86,7 +86,7 @@ impl TerrainState {
             file.size,
             file.levels,
             settings.leaf_level,
-            settings.faces_per_side,
+            DEFAULT_FACES_PER_SIDE,
         )?;
         let residency = Residency::new(&lattice, PageTable::new(file), settings.page_capacity);
         let mut slots = Vec::new();
@@ -109,7 +109,8 @@ impl TerrainState {
         })
     }
 
-    /// The terrain's integer grid.
+    /// The terrain's integer grid, with the default number of faces a node; each view has its own,
+    /// [`TerrainView::lattice`](crate::view::TerrainView::lattice).
     #[must_use]
     pub const fn lattice(&self) -> &Lattice {
         &self.lattice

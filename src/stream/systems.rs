@@ -109,14 +109,9 @@ fn start(
     let mut state = new(settings.clone())
         .or_else(|error| {
             error!("{path}: {error}; the default is used");
-            let TerrainSettings {
-                leaf_level,
-                faces_per_side,
-                ..
-            } = TerrainSettings::default();
+            let TerrainSettings { leaf_level, .. } = TerrainSettings::default();
             new(TerrainSettings {
                 leaf_level,
-                faces_per_side,
                 ..settings
             })
         })

@@ -1,6 +1,6 @@
 //! The component that makes a camera see terrains.
 
-use crate::lattice::{LatticeError, LodSettings};
+use crate::lattice::{DEFAULT_FACES_PER_SIDE, LatticeError, LodSettings, faces_log2};
 use crate::tessellate::Partitioning;
 use crate::view::TerrainViews;
 use bevy::prelude::*;
@@ -23,6 +23,9 @@ pub struct TerrainCamera {
     /// How far each level of detail reaches. Memory and triangles grow with the square of the
     /// reach.
     pub lod: LodSettings,
+    /// Control faces along a node's side, a power of two from 2 to 32. More faces follow the
+    /// density map more closely; they cost GPU time whether or not they are cut up.
+    pub faces_per_side: u32,
     /// Wanted length of a triangle's edge on the screen where the ground is roughest, in pixels,
     /// 1 to 256. Triangles grow with the inverse square of it.
     pub triangle_width_px: f32,
@@ -47,6 +50,7 @@ impl Default for TerrainCamera {
     fn default() -> Self {
         Self {
             lod: LodSettings::default(),
+            faces_per_side: DEFAULT_FACES_PER_SIDE,
             triangle_width_px: 8.0,
             max_factor: 64.0,
             min_triangle_m: None,
@@ -64,6 +68,9 @@ pub enum TerrainCameraError {
     /// The level-of-detail settings would tear the mesh or are out of range.
     #[error("TerrainCamera::lod can't be used: {0}")]
     Lod(#[from] LatticeError),
+    /// The number of faces is no power of two, or out of its range.
+    #[error("TerrainCamera::faces_per_side can't be used: {0}")]
+    Faces(LatticeError),
     /// A number is out of its range.
     #[error("TerrainCamera::{name} is {value}: use a number from {least} to {most}")]
     Number {
@@ -135,6 +142,13 @@ impl TerrainCamera {
         } else {
             self.max_vertices
         };
+        let faces_per_side = match faces_log2(self.faces_per_side) {
+            Ok(_) => self.faces_per_side,
+            Err(error) => {
+                refused(TerrainCameraError::Faces(error));
+                default.faces_per_side
+            }
+        };
         let lod = match self.lod.validate() {
             Ok(()) => self.lod,
             Err(error) => {
@@ -144,6 +158,7 @@ impl TerrainCamera {
         };
         Self {
             lod,
+            faces_per_side,
             triangle_width_px,
             max_factor,
             min_triangle_m,
@@ -165,6 +180,7 @@ mod tests {
                 reach: 2.0,
                 morph: 1.0,
             },
+            faces_per_side: 7,
             triangle_width_px: f32::NAN,
             max_factor: 65.0,
             min_triangle_m: Some(0.0),
@@ -181,6 +197,7 @@ mod tests {
             "min_triangle_m",
             "density",
             "max_vertices",
+            "faces_per_side",
             "lod",
         ];
         assert_eq!(errors.len(), named.len());

@@ -42,7 +42,7 @@ impl Terrain {
 
 /// How a terrain is cut up and streamed.
 ///
-/// The first three are read once, when the manifest has loaded; the others may change at any
+/// The first and `page_capacity` are read once, when the manifest has loaded; the others may change at any
 /// time. What can't be used is logged and replaced by its default.
 #[derive(Component, Clone, Debug, PartialEq, Reflect)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
@@ -51,9 +51,6 @@ pub struct TerrainSettings {
     /// (128 samples), -1 for half of that, and so on. Finer nodes follow the eye more closely and
     /// cost CPU time per node.
     pub leaf_level: i32,
-    /// Control faces along a node's side, a power of two from 2 to 32. More faces follow the
-    /// density map more closely; they cost GPU time whether or not they are cut up.
-    pub faces_per_side: u32,
     /// The most tiles that are resident at once, 1 to 16 384 (WebGPU's 256 texture layers of 64
     /// pages). A page takes 104 KiB of memory on the GPU and 36 KiB on the CPU. Where a view wants more tiles than that, the
     /// farthest of the finest are left out.
@@ -72,7 +69,6 @@ impl Default for TerrainSettings {
     fn default() -> Self {
         Self {
             leaf_level: 0,
-            faces_per_side: 8,
             page_capacity: 512,
             loads_in_flight: 16,
             activations_per_frame: 16,
@@ -102,7 +98,7 @@ pub enum TerrainSettingsError {
 
 impl TerrainSettings {
     /// These settings with every value that can't be used replaced by its default, each of which
-    /// is given to `refused`. `leaf_level` and `faces_per_side` are left to
+    /// is given to `refused`. `leaf_level` is left to
     /// [`Lattice::new`](crate::lattice::Lattice::new), which knows the terrain.
     #[must_use]
     pub fn checked(&self, mut refused: impl FnMut(TerrainSettingsError)) -> Self {
@@ -141,7 +137,6 @@ impl TerrainSettings {
         };
         Self {
             leaf_level: self.leaf_level,
-            faces_per_side: self.faces_per_side,
             page_capacity,
             loads_in_flight,
             activations_per_frame,

@@ -4,7 +4,7 @@ mod nearest_ground;
 
 pub use nearest_ground::GroundQuery;
 
-use crate::lattice::ViewLod;
+use crate::lattice::{Lattice, ViewLod};
 use crate::stream::TerrainState;
 use crate::terrain::{Terrain, TerrainCamera};
 use bevy::ecs::entity::EntityHashSet;
@@ -17,6 +17,8 @@ use bevy::prelude::*;
 pub struct TerrainView {
     /// The terrain.
     pub terrain: Entity,
+    /// The terrain's grid, with as many faces a node as the camera asks for.
+    pub lattice: Lattice,
     /// What the level of detail follows from; its `eye` is the lattice point at or before the eye.
     pub lod: ViewLod,
     /// From that lattice point to the eye, 0..1 lattice units in x and z.
@@ -168,8 +170,20 @@ pub(crate) fn update_views(
                 );
             }
             let eye = transform.translation().as_dvec3();
+            let lattice = state.lattice();
+            let lattice = lattice
+                .with_faces_per_side(settings.faces_per_side)
+                .unwrap_or_else(|refused| {
+                    if is_new {
+                        error!("camera {entity}: {refused}; the default is used");
+                    }
+                    *lattice
+                });
             let view = placement.and_then(|placement| {
-                view_of(terrain, state, &placement, &settings, eye, parallel_height)
+                let mut view =
+                    view_of(terrain, state, &placement, &settings, eye, parallel_height)?;
+                view.lattice = lattice;
+                Some(view)
             });
             views.views.extend(view);
         }
@@ -203,6 +217,7 @@ fn view_of(
     let lod = ViewLod::new(lattice, &settings.lod, eye, floor, planar).ok()?;
     Some(TerrainView {
         terrain,
+        lattice: *lattice,
         lod,
         eye_fraction,
         eye_height_m: eye_m.y as f32,

@@ -9,7 +9,7 @@ use bevy::render::render_resource::{
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy_tessera::bake::import::{self, ImportSettings};
 use bevy_tessera::bake::{BakeSettings, bake};
-use bevy_tessera::lattice::{Node, ResidencyField, ViewLod};
+use bevy_tessera::lattice::{Lattice, Node, ResidencyField, ViewLod};
 use bevy_tessera::render::{
     GpuFaceFactors, GpuTerrainDrawArgs, GpuTerrainMeshes, GpuTerrainVertex, TerrainNodes,
     TerrainRenderSystems, factor_view,
@@ -66,6 +66,7 @@ pub struct ReadBack {
     pub triangles: Vec<[u32; 3]>,
     pub factors: Vec<FaceFactors>,
     pub nodes: Vec<Node>,
+    pub lattice: Lattice,
     pub lod: ViewLod,
     pub field: ResidencyField,
     pub factor_view: FactorView,
@@ -199,7 +200,7 @@ impl Kernels {
                 lambda: vertex.lambda,
             })
             .collect();
-        let faces = nodes.len() << (2 * state.lattice().faces_log2);
+        let faces = nodes.len() << (2 * view.lattice.faces_log2);
         ReadBack {
             args,
             vertices,
@@ -209,6 +210,7 @@ impl Kernels {
                 .map(FaceFactors::from)
                 .collect(),
             nodes,
+            lattice: view.lattice,
             lod: view.lod,
             field: state.field().clone(),
             factor_view: FactorView {
@@ -228,9 +230,9 @@ impl Kernels {
 
 impl ReadBack {
     /// The twin of the view that was drawn.
-    pub fn twin<'a>(&'a self, state: &'a TerrainState) -> ViewMesh<'a, Pages> {
+    pub fn twin(&self) -> ViewMesh<'_, Pages> {
         ViewMesh {
-            lattice: state.lattice(),
+            lattice: &self.lattice,
             lod: &self.lod,
             field: &self.field,
             factor_view: &self.factor_view,
