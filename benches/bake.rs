@@ -3,6 +3,7 @@
 
 use bevy_tessera::bake::import::{self, ImportSettings};
 use bevy_tessera::bake::{BakeSettings, bake, tent_row};
+use bevy_tessera::error_bound::{ErrorScratch, tile_errors};
 use bevy_tessera::tile::{HeightTile, TileAddress};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
@@ -50,6 +51,18 @@ fn tiles(criterion: &mut Criterion) {
         bencher.iter(|| HeightTile::decode(black_box(&bytes), address));
     });
     group.finish();
+    let samples = [385, 385];
+    let heights: Vec<u16> = (0..385 * 385)
+        .map(|at| (wave(at % 385, at / 385) * 500.0) as u16)
+        .collect();
+    let row = |z: u32| &heights[z as usize * 385..][..385];
+    let mut group = criterion.benchmark_group("bake/tile");
+    group.throughput(Throughput::Elements(128 * 128));
+    group.bench_function("error bounds", |bencher| {
+        let mut scratch = ErrorScratch::default();
+        bencher.iter(|| tile_errors(samples, [128, 128], black_box(row), &mut scratch));
+    });
+    group.finish();
 }
 
 fn whole(criterion: &mut Criterion) {
@@ -71,12 +84,14 @@ fn whole(criterion: &mut Criterion) {
     group.throughput(Throughput::Elements(
         u64::from(size[0]) * u64::from(size[1]),
     ));
-    for (name, leave_out_densities) in [
-        ("4097 x 2049 u16 to disk", false),
-        ("the same without densities", true),
+    for (name, leave_out_densities, leave_out_errors) in [
+        ("4097 x 2049 u16 to disk", false, false),
+        ("the same without densities", true, false),
+        ("the same without error bounds", false, true),
     ] {
         let settings = BakeSettings {
             leave_out_densities,
+            leave_out_errors,
             ..Default::default()
         };
         group.bench_function(name, |bencher| {

@@ -34,11 +34,14 @@
 //! | module | what it holds | feature |
 //! |---|---|---|
 //! | [`terrain`] | the component and its settings, what opts a camera in, events, the manifest | |
-//! | [`tile`] | tile addresses, heights, densities, the index, their file format | |
+//! | [`tile`] | tile addresses, heights, densities, error bounds, the index, their file format | |
 //! | [`bake`] | height maps to terrains; readers of file formats in `bake::import`, terrains made of nothing in `bake::generate` | (`import`, `generate`) |
 //! | [`density`] | curvature filters, and densities from heights | |
+//! | [`detail`] | displacement finer than the samples: noise that follows a rule | |
+//! | [`error_bound`] | bounds on the error that any triangles leave, from heights | |
 //! | [`lattice`] | the integer grid, level of detail, morph, selection, the residency field | |
 //! | [`tessellate`] | edge factors, partitioning, the CPU twin of the compute passes | |
+//! | [`mesh_export`] | a view's mesh as a Wavefront OBJ or binary glTF file | |
 //! | [`stream`] | which tiles are resident, and the entities that stand for them | `ecs` |
 //! | [`view`] | what each camera's level of detail follows from | `ecs` |
 //! | [`render`] | culling, compute passes, draws, [materials](render::TerrainMaterial) | `render` |
@@ -74,7 +77,10 @@
 
 pub mod bake;
 pub mod density;
+pub mod detail;
+pub mod error_bound;
 pub mod lattice;
+pub mod mesh_export;
 #[cfg(feature = "render")]
 pub mod render;
 #[cfg(feature = "ecs")]
@@ -85,6 +91,7 @@ pub mod tile;
 #[cfg(feature = "ecs")]
 pub mod view;
 
+mod output;
 #[cfg(feature = "ecs")]
 mod plugins;
 #[cfg(feature = "ecs")]

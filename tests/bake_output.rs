@@ -6,7 +6,9 @@ mod bake_support;
 
 use bake_support::{addresses, bake_heights, entries, landscape, manifest};
 use bevy_tessera::bake::{self, BakeError, BakeSettings, Fault, HeightSource, SourceError};
-use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress, TileRange, encode_tile, tile_path};
+use bevy_tessera::tile::{
+    DensityTile, ErrorTile, HeightTile, TileAddress, TileRange, encode_tile, tile_path,
+};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -373,8 +375,9 @@ fn verify_finds_borders_that_differ_though_every_checksum_is_right() {
     let last = tile.samples().len() - 1;
     tile.samples_mut()[last] ^= 1;
     let good = bake_support::densities(out, address);
+    let errors = bake_support::errors(out, address);
     let write = |heights: &HeightTile, densities: &DensityTile| {
-        let bytes = encode_tile(address, heights, densities);
+        let bytes = encode_tile(address, heights, densities, &errors);
         fs::write(out.join(tile_path(address)), bytes).expect("writable");
     };
     write(&tile, &good);
@@ -394,6 +397,37 @@ fn verify_finds_borders_that_differ_though_every_checksum_is_right() {
     let densities =
         |(_, fault): &&(TileAddress, Fault)| matches!(fault, Fault::DensityBorder { .. });
     assert!(report.faults.iter().any(|fault| densities(&fault)));
+}
+
+#[test]
+fn verify_finds_error_bounds_that_fall_or_are_less_than_a_childs() {
+    let Terrain { _folder, out } = &terrain();
+    let faults = |address: TileAddress, change: &dyn Fn(&mut [[u8; 8]])| {
+        let heights = bake_support::heights(out, address);
+        let densities = bake_support::densities(out, address);
+        let good = bake_support::errors(out, address);
+        let mut errors = good.clone();
+        change(errors.texels_mut());
+        let write = |errors: &ErrorTile| {
+            let bytes = encode_tile(address, &heights, &densities, errors);
+            fs::write(out.join(tile_path(address)), bytes).expect("writable");
+        };
+        write(&errors);
+        let report = bake::verify(out, &|_| {}).expect("the manifest is good");
+        write(&good);
+        report.faults
+    };
+    let parent = TileAddress::new(1, 0, 0);
+    assert_eq!(faults(parent, &|_| {}), []);
+    let falls = faults(TileAddress::new(0, 1, 1), &|texels| {
+        texels[32 * 5 + 7] = [9, 9, 9, 8, 9, 9, 9, 0]
+    });
+    let order = |(_, fault): &(TileAddress, Fault)| *fault == Fault::ErrorOrder { texel: [7, 5] };
+    assert!(falls.iter().any(order), "{falls:?}");
+    // The texel lies over the second child's.
+    let child = TileAddress::new(0, 1, 0);
+    let below = faults(parent, &|texels| texels[32 * 15 + 16] = [0; 8]);
+    assert_eq!(below, [(parent, Fault::ErrorBelowChild { child })]);
 }
 
 #[test]

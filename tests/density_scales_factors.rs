@@ -16,6 +16,10 @@ use glam::{IVec2, Vec2};
 struct Ground<F>(F);
 
 impl<F: Fn(u8, i32, i32) -> u8> PageSource for Ground<F> {
+    fn errors(&self, _: TileAddress, _: i32, _: i32) -> Option<[u8; 8]> {
+        None
+    }
+
     fn height(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16> {
         let (x, z) = (
             (tile.x as i32 * 128 + x) << tile.level,
@@ -59,6 +63,7 @@ fn view(lattice: &Lattice, eye: IVec2, density_strength: f32) -> FactorView {
         focal_px: 900.0,
         px_per_m: 0.0,
         max_error_px: 0.0,
+        error_units_per_m: 6400.0,
     }
 }
 
@@ -86,6 +91,7 @@ fn compare(
         max_vertices: u32::MAX,
         max_triangles: u32::MAX,
         culling: None,
+        detail: None,
     };
     let (plain, scaled) = (mesh(&plain), mesh(&scaled));
     for node in nodes(&lattice, &lod) {
@@ -275,6 +281,10 @@ fn densities_are_never_read_finer_than_the_field_says() {
         finest: i32,
     }
     impl PageSource for Watched {
+        fn errors(&self, _: TileAddress, _: i32, _: i32) -> Option<[u8; 8]> {
+            None
+        }
+
         fn height(&self, _: TileAddress, _: i32, _: i32) -> Option<u16> {
             None
         }

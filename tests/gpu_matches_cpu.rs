@@ -5,7 +5,8 @@
 mod common;
 
 use bevy::prelude::*;
-use bevy_tessera::terrain::{TerrainCamera, TerrainSettings};
+use bevy_tessera::detail::{DetailRule, TerrainDetail};
+use bevy_tessera::terrain::{TerrainCamera, TerrainSettings, TessellationPolicy};
 use bevy_tessera::tessellate::{FaceFactors, Partitioning};
 use common::gpu::{Kernels, ReadBack};
 use common::random::Random;
@@ -72,10 +73,40 @@ fn vertices_and_triangles_equal_the_twins() {
                 triangle_width_px: random.pick(&[1.0, 3.0, 8.0]),
                 density: random.pick(&[0.0, 0.6, 1.0, 1.0]),
                 faces_per_side,
+                policy: [
+                    TessellationPolicy::TriangleWidth,
+                    TessellationPolicy::ScreenError { max_px: 2.0 },
+                    TessellationPolicy::TriangleWidth,
+                    TessellationPolicy::ScreenError { max_px: 16.0 },
+                ][n % 4],
                 ..default()
             };
+            // Large enough for the nearest vertices of such coarse ground to show it.
+            let detail = TerrainDetail {
+                amplitude_m: 30.0,
+                wavelength_m: 900.0,
+                rule: [
+                    DetailRule::Everywhere,
+                    DetailRule::Slope {
+                        from_deg: 2.0,
+                        to_deg: 15.0,
+                    },
+                    DetailRule::InverseHeight {
+                        full_m: 250.0,
+                        none_m: 700.0,
+                    },
+                ][n % 3],
+                ..default()
+            };
+            let mut terrain = kernels.app.world_mut().entity_mut(kernels.terrain);
+            if n >= 6 {
+                terrain.insert(detail);
+            } else {
+                terrain.remove::<TerrainDetail>();
+            }
             kernels.set_camera(eye(&mut random), camera);
             let frame = kernels.frame();
+            assert_eq!(frame.detail.octave_count > 0, n >= 6);
             let (factors, heights) = compare(&frame);
             assert!(!frame.triangles.is_empty());
             assert!(factors <= 1, "factors differ by {factors} units");

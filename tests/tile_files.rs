@@ -9,8 +9,8 @@ use bevy_tessera::terrain::{
     DensitySettings, MANIFEST_VERSION, ManifestError, ManifestFile, TerrainManifest,
 };
 use bevy_tessera::tile::{
-    DensityTile, HeightTile, TerrainTile, TileAddress, TileFormatError, TileIndex, TileKind,
-    TileRange,
+    DensityTile, ErrorTile, HeightTile, TerrainTile, TileAddress, TileFormatError, TileIndex,
+    TileKind, TileRange,
 };
 use proptest::prelude::*;
 
@@ -19,6 +19,11 @@ const ADDRESS: TileAddress = TileAddress::new(3, 70_000, 5);
 fn density_tile() -> DensityTile {
     let texels = (0..35 * 35).map(|at| (at * 7) as u8).collect();
     DensityTile::from_samples(texels).expect("a tile's worth")
+}
+
+fn error_tile() -> ErrorTile {
+    let texels = (0..32 * 32).map(|at: u32| std::array::from_fn(|k| (at * 11 + k as u32) as u8));
+    ErrorTile::from_texels(texels.collect()).expect("a tile's worth")
 }
 
 fn height_tile() -> HeightTile {
@@ -49,6 +54,9 @@ fn tiles_are_read_as_they_were_written() {
         DensityTile::decode(&tile.encode(ADDRESS), ADDRESS),
         Ok(tile)
     );
+    let tile = error_tile();
+    assert_eq!(ErrorTile::decode(&tile.encode(ADDRESS), ADDRESS), Ok(tile));
+    assert!(ErrorTile::from_texels(vec![[0; 8]; 1023].into()).is_none());
     assert_eq!(TerrainTile::path(ADDRESS), "tile/3/70000_5.tile");
     assert!(HeightTile::from_samples(vec![0; 133 * 132].into()).is_none());
     assert!(DensityTile::from_samples(vec![0; 36].into()).is_none());
@@ -72,6 +80,53 @@ fn samples_are_counted_from_the_first_own_one() {
     let tile = density_tile();
     assert_eq!(tile.get(-1, -1), tile.samples()[0]);
     assert_eq!(tile.get(33, 33), tile.samples()[35 * 35 - 1]);
+    let tile = error_tile();
+    assert_eq!(tile.get(0, 0), tile.texels()[0]);
+    assert_eq!(tile.get(5, 31), tile.texels()[31 * 32 + 5]);
+}
+
+#[test]
+fn a_tile_is_refused_for_its_first_bad_section() {
+    let tile = TerrainTile {
+        heights: height_tile(),
+        densities: density_tile(),
+        errors: error_tile(),
+    };
+    let good = tile.encode(ADDRESS);
+    assert_eq!(TerrainTile::decode(&good, ADDRESS), Ok(tile.clone()));
+    let sections = [
+        tile.heights.encode(ADDRESS),
+        tile.densities.encode(ADDRESS),
+        tile.errors.encode(ADDRESS),
+    ];
+    assert_eq!(good, sections.concat());
+    let lengths = sections.map(|section| section.len());
+    let refused = |bytes: &[u8]| TerrainTile::decode(bytes, ADDRESS).expect_err("refused");
+    for (first, kind) in [
+        (0, "height"),
+        (lengths[0], "density"),
+        (lengths[0] + lengths[1], "error"),
+    ] {
+        let mut bytes = good.clone();
+        bytes[first + 50] ^= 4;
+        let error = refused(&bytes);
+        assert!(
+            matches!(error, TileFormatError::Checksum { .. }),
+            "{kind}: {error}"
+        );
+    }
+    // As baked before there were error bounds.
+    let error = refused(&good[..lengths[0] + lengths[1]]);
+    let wanted = TileFormatError::Magic {
+        found: *b"TSRHGHT\0",
+        kind: TileKind::Error,
+    };
+    assert_eq!(error, wanted);
+    assert!(error.to_string().contains("TSRERRB"), "{error}");
+    for length in (0..good.len()).step_by(97) {
+        refused(&good[..length]);
+    }
+    refused(&[&good[..], &[0]].concat());
 }
 
 #[test]
@@ -227,7 +282,7 @@ fn a_manifest_is_read_as_it_was_written_and_absurd_ones_are_refused() {
     };
     let format = replace("tessera-terrain", "other");
     assert!(matches!(format, ManifestError::Format { .. }), "{format}");
-    let version = replace("version: 2", "version: 3").to_string();
+    let version = replace("version: 3", "version: 2").to_string();
     assert!(
         version.contains("version 3") && version.contains("version 2"),
         "{version}"
@@ -287,6 +342,7 @@ proptest! {
         }
         prop_assert!(HeightTile::decode(&bytes, ADDRESS).is_err());
         prop_assert!(DensityTile::decode(&bytes, ADDRESS).is_err());
+        prop_assert!(ErrorTile::decode(&bytes, ADDRESS).is_err());
         prop_assert!(TileIndex::decode(&bytes).is_err());
         let text = String::from_utf8_lossy(&bytes).into_owned();
         prop_assert!(TerrainManifest::decode(&text, &bytes).is_err());

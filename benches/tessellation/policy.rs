@@ -75,6 +75,7 @@ impl Setup {
             focal_px: self.focal_px as f32,
             px_per_m: 0.0,
             max_error_px: 0.0,
+            error_units_per_m: 6400.0,
         };
         let mut nodes: Vec<Node> = Vec::new();
         lod.select(&lattice, &mut |_, _| true, &mut |node| nodes.push(node));
@@ -90,6 +91,7 @@ impl Setup {
             max_vertices: u32::MAX,
             max_triangles: u32::MAX,
             culling: None,
+            detail: None,
         };
         then(&view, &nodes)
     }

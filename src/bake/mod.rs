@@ -15,6 +15,10 @@
 //! # Densities
 //! Texels of level 0 follow from the stored heights, see [`density`](crate::density); texels of the
 //! levels above are the largest of the four that they cover. [`rebake_densities`] makes them anew.
+//!
+//! # Error bounds
+//! Each tile's follow from the stored heights of its level on it and around it, see
+//! [`error_bound`](crate::error_bound), and from its children's, which they don't fall below.
 
 mod fill;
 #[cfg(feature = "generate")]
@@ -42,7 +46,7 @@ use crate::density::DensitySettings;
 use crate::terrain::{
     INDEX_FILE, MANIFEST_FILE, MANIFEST_MAGIC, MANIFEST_VERSION, ManifestFile, check_size,
 };
-use pyramid::Pyramid;
+use pyramid::{Pyramid, Sections};
 use quantise::Quantiser;
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -88,6 +92,9 @@ pub struct BakeSettings {
     /// The result is no terrain.
     #[doc(hidden)]
     pub leave_out_densities: bool,
+    /// The same for error bounds.
+    #[doc(hidden)]
+    pub leave_out_errors: bool,
 }
 
 impl Default for BakeSettings {
@@ -100,6 +107,7 @@ impl Default for BakeSettings {
             band_rows: None,
             force: false,
             leave_out_densities: false,
+            leave_out_errors: false,
         }
     }
 }
@@ -128,7 +136,7 @@ impl BakeSettings {
 /// Bakes `source` into the folder `out`.
 ///
 /// Reads the source once, twice where its range isn't given or it may have samples without data,
-/// and three times where it has some. Takes some 50 MiB of memory and 1 KiB for every column;
+/// and three times where it has some. Takes some 50 MiB of memory and 1.5 KiB for every column;
 /// where samples have no data, up to 180 MiB more.
 ///
 /// # Errors
@@ -193,7 +201,11 @@ pub fn bake(
         .map_err(|reason| BakeError::Manifest { reason })?;
 
     let partial = PartialTerrain::create(out, &manifest)?;
-    let mut pyramid = Pyramid::new(&manifest, partial.dir(), !settings.leave_out_densities);
+    let sections = Sections {
+        densities: !settings.leave_out_densities,
+        errors: !settings.leave_out_errors,
+    };
+    let mut pyramid = Pyramid::new(&manifest, partial.dir(), sections);
     let rows = settings
         .band_rows
         .unwrap_or_else(|| (BAND_SAMPLES as u32 / size[0]).max(MIN_BAND_ROWS))

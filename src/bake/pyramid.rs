@@ -5,10 +5,11 @@ use super::{BakeError, writer};
 use crate::density::{
     DensityKernel, DensityRows, DensityScratch, DensitySettings, coarser_row, densities, spread_row,
 };
+use crate::error_bound::{ERROR_REACH, ErrorScratch, cover_finer, tile_errors};
 use crate::terrain::ManifestFile;
 use crate::tile::{
-    DENSITY_BORDER, DENSITY_CELL, DENSITY_STORED, DENSITY_TEXELS, DensityTile, HeightTile,
-    TILE_BORDER, TILE_SAMPLES, TILE_STORED, TileAddress, TileIndex,
+    DENSITY_BORDER, DENSITY_CELL, DENSITY_STORED, DENSITY_TEXELS, DensityTile, ErrorTile,
+    HeightTile, TILE_BORDER, TILE_SAMPLES, TILE_STORED, TileAddress, TileIndex,
 };
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -58,17 +59,32 @@ struct Level {
     tiles: [u32; 2],
     heights: Rows<u16>,
     densities: Rows<u8>,
+    /// The largest error bounds of two by two texels of the tiles written: what the level above must
+    /// not fall below.
+    errors: Rows<[u8; 8]>,
     next_tile_row: u32,
+}
+
+/// Which sections tiles get besides heights.
+#[derive(Clone, Copy)]
+pub(super) struct Sections {
+    pub(super) densities: bool,
+    pub(super) errors: bool,
 }
 
 impl Level {
     /// Whether all rows are there that the next row of tiles takes.
-    fn tile_row_ready(&self, with_densities: bool) -> bool {
+    fn tile_row_ready(&self, sections: Sections) -> bool {
         let [last_row, last_texel] = [self.samples[1] - 1, self.texels[1] - 1];
         let z = self.next_tile_row;
+        let below = if sections.errors {
+            ERROR_REACH
+        } else {
+            TILE_BORDER
+        };
         z < self.tiles[1]
-            && self.heights.end() > last_row.min(TILE_SAMPLES * (z + 1) + TILE_BORDER)
-            && (!with_densities
+            && self.heights.end() > last_row.min(TILE_SAMPLES * (z + 1) + below)
+            && (!sections.densities
                 || self.densities.end() > last_texel.min(DENSITY_TEXELS * (z + 1) + DENSITY_BORDER))
     }
 }
@@ -83,11 +99,11 @@ pub(super) struct Pyramid {
     index: TileIndex,
     dir: PathBuf,
     bytes: u64,
-    with_densities: bool,
+    sections: Sections,
 }
 
 impl Pyramid {
-    pub(super) fn new(file: &ManifestFile, dir: &Path, with_densities: bool) -> Self {
+    pub(super) fn new(file: &ManifestFile, dir: &Path, sections: Sections) -> Self {
         let level = |level| {
             let samples = file.samples(level);
             Level {
@@ -96,6 +112,7 @@ impl Pyramid {
                 tiles: file.tiles(level),
                 heights: Rows::new(),
                 densities: Rows::new(),
+                errors: Rows::new(),
                 next_tile_row: 0,
             }
         };
@@ -107,7 +124,7 @@ impl Pyramid {
             index: TileIndex::new(file),
             dir: dir.to_owned(),
             bytes: 0,
-            with_densities,
+            sections,
         }
     }
 
@@ -126,7 +143,7 @@ impl Pyramid {
     /// Takes the next rows of level 0 and does all that they make possible.
     pub(super) fn push(&mut self, band: ConvertedBand) -> Result<(), BakeError> {
         self.levels[0].heights.extend(band.heights);
-        if self.with_densities {
+        if self.sections.densities {
             self.make_densities();
             self.spread_densities();
         }
@@ -243,25 +260,37 @@ impl Pyramid {
         coarser.densities.extend(rows);
     }
 
-    /// Writes every tile whose rows are complete.
+    /// Writes every tile whose rows are complete, the finer levels first.
     fn write_tiles(&mut self) -> Result<(), BakeError> {
+        let sections = self.sections;
         let mut ready = Vec::new();
         for (level, number) in self.levels.iter_mut().zip(0u8..) {
-            while level.tile_row_ready(self.with_densities) {
+            while level.tile_row_ready(sections) {
                 let z = level.next_tile_row;
                 ready.extend((0..level.tiles[0]).map(|x| TileAddress::new(number, x, z)));
                 level.next_tile_row += 1;
             }
         }
+        let errors = if sections.errors {
+            self.make_errors(&ready)
+        } else {
+            Vec::new()
+        };
         let written: Vec<_> = ready
             .into_par_iter()
-            .map(|address| {
+            .enumerate()
+            .map(|(at, address)| {
                 let level = &self.levels[usize::from(address.level)];
                 let heights = height_window(level, address);
-                let densities = self
-                    .with_densities
+                let densities = sections
+                    .densities
                     .then(|| density_window(&level.densities, level.texels, address));
-                let bytes = writer::write_tile(&self.dir, address, &heights, densities.as_ref())?;
+                let tile = writer::Tile {
+                    heights: &heights,
+                    densities: densities.as_ref(),
+                    errors: errors.get(at),
+                };
+                let bytes = tile.write(&self.dir, address)?;
                 Ok::<_, BakeError>((address, heights.range(), bytes))
             })
             .collect::<Result<_, _>>()?;
@@ -270,6 +299,40 @@ impl Pyramid {
             self.bytes += bytes;
         }
         Ok(())
+    }
+
+    /// Error bounds of tiles that can be written: whole rows of tiles, the finer levels first. A tile's
+    /// children have always been written, or are among them: they need no more ground than it does.
+    fn make_errors(&mut self, ready: &[TileAddress]) -> Vec<ErrorTile> {
+        let mut errors: Vec<ErrorTile> = ready
+            .par_iter()
+            .map_init(ErrorScratch::default, |scratch, address| {
+                let level = &self.levels[usize::from(address.level)];
+                let first = address.first_sample();
+                let row = |z: u32| level.heights.row(z);
+                tile_errors(level.samples, [first.0, first.1], row, scratch)
+            })
+            .collect();
+        let mut rest = (ready, errors.as_mut_slice());
+        while let Some(first) = rest.0.first() {
+            let number = usize::from(first.level);
+            let columns = self.levels[number].tiles[0] as usize;
+            let (addresses, tiles);
+            ((addresses, rest.0), (tiles, rest.1)) =
+                (rest.0.split_at(columns), rest.1.split_at_mut(columns));
+            if let Some(finer) = number.checked_sub(1).map(|finer| &mut self.levels[finer]) {
+                for (address, tile) in addresses.iter().zip(&mut *tiles) {
+                    cover_finer_tile(tile, *address, &finer.errors);
+                }
+                finer.errors.drop_before(DENSITY_TEXELS * (first.z + 1));
+            }
+            if number + 1 < self.levels.len() {
+                let level = &mut self.levels[number];
+                let rows = pairs_below(level.texels, first.z, tiles);
+                level.errors.extend(rows);
+            }
+        }
+        errors
     }
 
     /// Drops rows that neither a tile nor the level above needs any more.
@@ -285,8 +348,13 @@ impl Pyramid {
             let level = &mut self.levels[number];
             // What lies beyond the last row follows from the last two, so those stay.
             let tile_row = level.next_tile_row;
+            let above = if self.sections.errors {
+                ERROR_REACH
+            } else {
+                TILE_BORDER
+            };
             let heights = height_done
-                .min((TILE_SAMPLES * tile_row).saturating_sub(TILE_BORDER))
+                .min((TILE_SAMPLES * tile_row).saturating_sub(above))
                 .min(level.samples[1] - 2);
             level.heights.drop_before(heights);
             let densities = density_done
@@ -295,6 +363,36 @@ impl Pyramid {
             level.densities.drop_before(densities);
         }
     }
+}
+
+/// Raises a tile's error bounds to the largest below each texel, of which `finer` has the rows.
+fn cover_finer_tile(tile: &mut ErrorTile, address: TileAddress, finer: &Rows<[u8; 8]>) {
+    let side = DENSITY_TEXELS as usize;
+    let rows = tile.texels_mut().chunks_exact_mut(side);
+    for (texels, z) in rows.zip(DENSITY_TEXELS * address.z..finer.end()) {
+        // The last tile's row may be longer than the level's.
+        let below = &finer.row(z)[(DENSITY_TEXELS * address.x) as usize..];
+        for (texel, below) in texels.iter_mut().zip(below) {
+            cover_finer(texel, below);
+        }
+    }
+}
+
+/// The largest error bounds of two by two texels each, of a row of tiles of a level with `texels`
+/// texels.
+fn pairs_below(texels: [u32; 2], row: u32, tiles: &[ErrorTile]) -> Vec<Vec<[u8; 8]>> {
+    let rows = DENSITY_TEXELS.min(texels[1] - DENSITY_TEXELS * row);
+    let columns = texels[0].div_ceil(2);
+    let pair = |x: u32, z: u32| {
+        let tile = &tiles[(2 * x / DENSITY_TEXELS) as usize];
+        let (x, z) = (2 * x % DENSITY_TEXELS, 2 * z);
+        // Texels beyond the level are 0.
+        let four = [(x, z), (x + 1, z), (x, z + 1), (x + 1, z + 1)].map(|(x, z)| tile.get(x, z));
+        std::array::from_fn(|k| four.iter().map(|texel| texel[k]).fold(0, u8::max))
+    };
+    (0..rows.div_ceil(2))
+        .map(|z| (0..columns).map(|x| pair(x, z)).collect())
+        .collect()
 }
 
 /// Spreads all rows of densities that can be, of `rows` that a level has, and drops what no other

@@ -8,7 +8,7 @@ use crate::density::{
 };
 use crate::terrain::{ManifestFile, TerrainManifest};
 use crate::tile::{
-    DENSITY_BORDER, DENSITY_TEXELS, DensityTile, HeightTile, TILE_SAMPLES, TileAddress,
+    DENSITY_BORDER, DENSITY_TEXELS, DensityTile, ErrorTile, HeightTile, TILE_SAMPLES, TileAddress,
     TileFormatError, TileIndex, tile_path,
 };
 use rayon::prelude::*;
@@ -34,8 +34,8 @@ pub struct DensityReport {
     pub elapsed: Duration,
 }
 
-/// Makes the densities of the terrain in the folder `dir` anew, as `settings` say. Its heights stay
-/// as they are, and the result is what a bake of the same heights with these settings would have
+/// Makes the densities of the terrain in the folder `dir` anew, as `settings` say. Its heights
+/// and error bounds stay as they are, and the result is what a bake of the same heights with these settings would have
 /// made, byte for byte.
 ///
 /// The new terrain is put together beside the old one, which it replaces at the end: who is
@@ -270,8 +270,17 @@ impl Rebake<'_> {
             .into_par_iter()
             .map(|address| {
                 let densities = density_window(done, texels, address);
-                let heights = self.heights(address)?;
-                let bytes = writer::write_tile(self.partial, address, &heights, Some(&densities))?;
+                let both = |bytes: &[u8]| {
+                    let heights = HeightTile::decode(bytes, address)?;
+                    Ok((heights, ErrorTile::decode(bytes, address)?))
+                };
+                let (heights, errors) = read(self.source, &tile_path(address), both)?;
+                let tile = writer::Tile {
+                    heights: &heights,
+                    densities: Some(&densities),
+                    errors: Some(&errors),
+                };
+                let bytes = tile.write(self.partial, address)?;
                 let own = |at: u32, axis: usize| {
                     (texels[axis] - DENSITY_TEXELS * at).min(DENSITY_TEXELS) as i32
                 };

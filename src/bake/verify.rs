@@ -2,8 +2,8 @@
 
 use crate::terrain::{ManifestError, TerrainManifest};
 use crate::tile::{
-    DensityTile, HeightTile, TILE_SAMPLES, TileAddress, TileFormatError, TileIndex, TileRange,
-    tile_path,
+    DENSITY_TEXELS, DensityTile, ERROR_SPACINGS, ErrorTile, HeightTile, TILE_SAMPLES, TileAddress,
+    TileFormatError, TileIndex, TileRange, tile_path,
 };
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -47,6 +47,16 @@ pub enum Fault {
         /// The neighbour.
         neighbour: TileAddress,
     },
+    /// An error bound of the tile falls where the spacing grows.
+    ErrorOrder {
+        /// The texel's column and row.
+        texel: [u32; 2],
+    },
+    /// An error bound of the tile is less than a child's for the same distance.
+    ErrorBelowChild {
+        /// The child.
+        child: TileAddress,
+    },
     /// The index has another range than the tile and its children have.
     Range {
         /// What the index says.
@@ -75,6 +85,14 @@ impl fmt::Display for Fault {
                 f,
                 "its densities differ from those of its neighbour {neighbour}"
             ),
+            Self::ErrorOrder { texel: [x, z] } => write!(
+                f,
+                "its error bounds in texel ({x}, {z}) fall where the spacing grows"
+            ),
+            Self::ErrorBelowChild { child } => write!(
+                f,
+                "its error bounds are less than those of its child {child}"
+            ),
             Self::Range { found, wanted } => write!(
                 f,
                 "the index gives its heights as {}..={} where they reach from {} to {}",
@@ -91,14 +109,16 @@ impl fmt::Display for Fault {
 struct Contents {
     heights: Option<HeightTile>,
     densities: Option<DensityTile>,
+    errors: Option<ErrorTile>,
 }
 
 /// Checks every tile of the terrain in the folder `dir`: that its files are there, have the right
 /// magic, version, address and checksum, that samples which neighbouring tiles both hold are equal
-/// in both bit for bit, that its parent is stored, and that the index gives the range of its
-/// heights, its children's included. `advance` hears of every checked tile.
+/// in both bit for bit, that its parent is stored, that its error bounds don't fall with the spacing
+/// and are no less than its children's, and that the index gives the range of its heights, its
+/// children's included. `advance` hears of every checked tile.
 ///
-/// Holds three rows of tiles in memory.
+/// Holds three rows of tiles in memory, and reads every tile twice, the second time for its parent.
 ///
 /// # Errors
 /// Where the manifest or the index can't be used, without which there are no tiles to speak of.
@@ -131,7 +151,8 @@ fn verify_level(
             .map(|x| TileAddress::new(level, x, z))
             .filter(|&address| terrain.index.get(address).is_some())
             .map(|address| {
-                let (contents, faults) = read_tile(dir, address);
+                let (contents, mut faults) = read_tile(dir, address);
+                faults.extend(check_errors(dir, terrain, address, &contents));
                 advance(1);
                 (address, contents, faults)
             })
@@ -186,9 +207,13 @@ fn read_tile(dir: &Path, address: TileAddress) -> (Contents, Vec<Fault>) {
     };
     let heights = HeightTile::decode(&bytes, address);
     let densities = DensityTile::decode(&bytes, address);
+    let errors = ErrorTile::decode(&bytes, address);
     let mut reasons: Vec<TileFormatError> = heights.as_ref().err().cloned().into_iter().collect();
-    if let Err(reason) = &densities {
-        // Where the heights' section is damaged, that of the densities may not be found for that.
+    for reason in [densities.as_ref().err(), errors.as_ref().err()]
+        .into_iter()
+        .flatten()
+    {
+        // Where a section is damaged, those behind it may not be found for that.
         let follows = matches!(reason, TileFormatError::Magic { .. }) && !reasons.is_empty();
         if !follows && !reasons.contains(reason) {
             reasons.push(reason.clone());
@@ -202,8 +227,51 @@ fn read_tile(dir: &Path, address: TileAddress) -> (Contents, Vec<Fault>) {
     let contents = Contents {
         heights: heights.ok(),
         densities: densities.ok(),
+        errors: errors.ok(),
     };
     (contents, faults)
+}
+
+/// Checks a tile's error bounds: in themselves, and against those of its children that can be read.
+fn check_errors(
+    dir: &Path,
+    terrain: &TerrainManifest,
+    address: TileAddress,
+    contents: &Contents,
+) -> Vec<Fault> {
+    let Some(errors) = &contents.errors else {
+        return Vec::new();
+    };
+    let mut faults = Vec::new();
+    let falls = |texel: &[u8; 8]| !texel[..ERROR_SPACINGS].is_sorted();
+    if let Some(at) = errors.texels().iter().position(falls) {
+        let texel = [at as u32 % DENSITY_TEXELS, at as u32 / DENSITY_TEXELS];
+        faults.push(Fault::ErrorOrder { texel });
+    }
+    let stored = |child: &TileAddress| terrain.index.get(*child).is_some();
+    for child in address.children().into_iter().flatten().filter(stored) {
+        // What is wrong with the child is said of the child.
+        let finer = std::fs::read(dir.join(tile_path(child)))
+            .ok()
+            .and_then(|bytes| ErrorTile::decode(&bytes, child).ok());
+        if finer.is_some_and(|finer| !covers(errors, child, &finer)) {
+            faults.push(Fault::ErrorBelowChild { child });
+        }
+    }
+    faults
+}
+
+/// Whether a tile's error bounds are no less than those of its child for the same distances.
+fn covers(errors: &ErrorTile, child: TileAddress, finer: &ErrorTile) -> bool {
+    let half = DENSITY_TEXELS / 2;
+    let (first_x, first_z) = (child.x % 2 * half, child.z % 2 * half);
+    (0..DENSITY_TEXELS).all(|z| {
+        (0..DENSITY_TEXELS).all(|x| {
+            let above = errors.get(first_x + x / 2, first_z + z / 2);
+            let below = &finer.get(x, z)[1..ERROR_SPACINGS];
+            above.iter().zip(below).all(|(above, below)| above >= below)
+        })
+    })
 }
 
 fn check_index(terrain: &TerrainManifest, address: TileAddress, contents: &Contents) -> Vec<Fault> {

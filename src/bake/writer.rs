@@ -2,7 +2,7 @@
 
 use super::BakeError;
 use crate::terrain::{INDEX_FILE, MANIFEST_FILE, ManifestFile};
-use crate::tile::{DensityTile, HeightTile, TileAddress, TileIndex, encode_tile, tile_path};
+use crate::tile::{DensityTile, ErrorTile, HeightTile, TileAddress, TileIndex, tile_path};
 use std::ffi::OsString;
 use std::fs;
 use std::io;
@@ -215,20 +215,27 @@ fn is_gone(process: u32) -> bool {
     processes.join("self").exists() && !processes.join(process.to_string()).exists()
 }
 
-/// Writes a tile's file; returns the number of bytes.
-pub(super) fn write_tile(
-    dir: &Path,
-    address: TileAddress,
-    heights: &HeightTile,
-    densities: Option<&DensityTile>,
-) -> Result<u64, BakeError> {
-    let bytes = match densities {
-        Some(densities) => encode_tile(address, heights, densities),
-        None => heights.encode(address),
-    };
-    let path = dir.join(tile_path(address));
-    fs::write(&path, &bytes).map_err(failed(&path))?;
-    Ok(bytes.len() as u64)
+/// What a tile's file is made of. What is `None` is left out, for benchmarks.
+pub(super) struct Tile<'a> {
+    pub(super) heights: &'a HeightTile,
+    pub(super) densities: Option<&'a DensityTile>,
+    pub(super) errors: Option<&'a ErrorTile>,
+}
+
+impl Tile<'_> {
+    /// Writes the tile's file; returns the number of bytes.
+    pub(super) fn write(&self, dir: &Path, address: TileAddress) -> Result<u64, BakeError> {
+        let mut bytes = self.heights.encode(address);
+        if let Some(densities) = self.densities {
+            bytes.extend(densities.encode(address));
+        }
+        if let Some(errors) = self.errors {
+            bytes.extend(errors.encode(address));
+        }
+        let path = dir.join(tile_path(address));
+        fs::write(&path, &bytes).map_err(failed(&path))?;
+        Ok(bytes.len() as u64)
+    }
 }
 
 /// Which terrain lies in a folder, to tell whether another has taken its place.

@@ -126,6 +126,8 @@ pub struct NodeBox<'a> {
     bounds: &'a TileHeightBounds,
     lattice: &'a Lattice,
     unit_m: f32,
+    /// How far detail raises or lowers the ground at most.
+    detail_m: f32,
     /// Heights may be read at this level and the next wherever the node is.
     coarsest_read: i32,
 }
@@ -140,6 +142,7 @@ impl<'a> NodeBox<'a> {
             bounds,
             lattice,
             unit_m: lattice.unit_m(state.manifest().file.spacing_m) as f32,
+            detail_m: state.detail().bound_m(),
             coarsest_read: i32::from(most.div_ceil(256)) - 1,
         }
     }
@@ -151,7 +154,8 @@ impl<'a> NodeBox<'a> {
         let level = level.clamp(0, self.lattice.root_level);
         let log2 = self.lattice.node_log2(level);
         let tile = node.origin >> IVec2::splat(log2.cast_signed());
-        self.bounds.get(level.unsigned_abs() as usize, tile)
+        let [lowest, highest] = self.bounds.get(level.unsigned_abs() as usize, tile);
+        [lowest - self.detail_m, highest + self.detail_m]
     }
 
     /// The box of the part `bounds` of `node`.

@@ -5,10 +5,11 @@ use super::cull::{NodeCulling, TerrainNodes};
 use super::gpu_types::{GpuTerrainDraw, GpuTerrainNode, GpuTerrainView};
 use super::material::ComposedMaterials;
 use super::statistics::TerrainStatistics;
+use crate::detail::DetailKernel;
 use crate::stream::{TerrainState, TerrainTiles, TileData, TilePage};
-use crate::terrain::TerrainCamera;
+use crate::terrain::{TerrainCamera, TessellationPolicy};
 use crate::tessellate::{FactorView, Partitioning};
-use crate::tile::{TerrainTile, TileAddress};
+use crate::tile::{ERROR_UNIT, TerrainTile, TileAddress};
 use crate::view::{TerrainView, TerrainViews};
 use bevy::asset::AssetId;
 use bevy::ecs::entity::EntityHashMap;
@@ -38,6 +39,7 @@ pub(super) struct ExtractedTerrain {
     pub(super) field: Option<Vec<u32>>,
     pub(super) shader: Option<Handle<Shader>>,
     pub(super) parameters: [Vec4; 8],
+    pub(super) detail: DetailKernel,
 }
 
 /// A camera's view of a terrain in this frame.
@@ -196,6 +198,7 @@ pub(super) fn extract_terrains(
                 field,
                 shader: materials.shader(material),
                 parameters: material.parameters,
+                detail: *state.detail(),
             },
         );
     }
@@ -288,7 +291,24 @@ pub fn factor_view(
     let focal_px = 0.5 * height_px * clip_from_view.y_axis.y.abs();
     let orthographic = clip_from_view.w_axis.w == 1.0;
     let segments = focal_px / settings.triangle_width_px;
-    let spacing_m = state.manifest().file.spacing_m;
+    let file = &state.manifest().file;
+    let spacing_m = file.spacing_m;
+    let max_error_px = match settings.policy {
+        TessellationPolicy::TriangleWidth => 0.0,
+        TessellationPolicy::ScreenError { max_px } => max_px,
+    };
+    // There is nothing to be seen between the finest samples, but for detail's four vertices a wave;
+    // and an error is to be kept whatever that takes.
+    let finest_m = if max_error_px > 0.0 {
+        f32::MIN_POSITIVE
+    } else {
+        state
+            .detail()
+            .finest_wavelength_m()
+            .map_or(spacing_m as f32, |wave_m| {
+                (0.25 * wave_m).min(spacing_m as f32)
+            })
+    };
     Some(FactorView {
         eye: view.lod.eye,
         eye_fraction: view.eye_fraction,
@@ -300,7 +320,7 @@ pub fn factor_view(
         } else {
             0.0
         },
-        min_triangle_m: settings.min_triangle_m.unwrap_or(spacing_m as f32),
+        min_triangle_m: settings.min_triangle_m.unwrap_or(finest_m),
         max_factor: settings.max_factor,
         density_strength: settings.density,
         focal_px: if orthographic { 0.0 } else { focal_px },
@@ -309,7 +329,8 @@ pub fn factor_view(
         } else {
             0.0
         },
-        max_error_px: 0.0,
+        max_error_px,
+        error_units_per_m: (f64::from(ERROR_UNIT) / file.height_step_m) as f32,
     })
 }
 

@@ -68,6 +68,14 @@ pub struct GpuTerrainView {
     pub px_per_m: f32,
     /// See [`FactorView::max_error_px`].
     pub max_error_px: f32,
+    /// See [`FactorView::error_units_per_m`].
+    pub error_units_per_m: f32,
+    /// Padding.
+    pub unused_a: u32,
+    /// Padding.
+    pub unused_b: u32,
+    /// Padding.
+    pub unused_c: u32,
     /// Per geometry level: where it begins to morph, its zone as a power of two.
     pub geometry: [[i32; 4]; MAX_LEVELS],
     /// Per tile level: first entry in the page table, tiles in x and z.
@@ -122,6 +130,7 @@ impl GpuTerrainView {
             focal_px: factors.focal_px,
             px_per_m: factors.px_per_m,
             max_error_px: factors.max_error_px,
+            error_units_per_m: factors.error_units_per_m,
             ..Self::zeroed()
         };
         for (level, entry) in view.geometry.iter_mut().enumerate() {

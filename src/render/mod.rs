@@ -116,10 +116,12 @@ impl Plugin for TerrainRenderPlugin {
             return;
         }
         load_shader_library!(app, "shaders/types.wgsl");
+        load_shader_library!(app, "shaders/detail.wgsl");
         load_shader_library!(app, "shaders/bindings.wgsl");
         load_shader_library!(app, "shaders/lattice.wgsl");
         load_shader_library!(app, "shaders/height.wgsl");
         load_shader_library!(app, "shaders/edge_density.wgsl");
+        load_shader_library!(app, "shaders/edge_error.wgsl");
         load_shader_library!(app, "shaders/strip.wgsl");
         load_shader_library!(app, "shaders/face.wgsl");
         load_shader_library!(app, "shaders/scan.wgsl");

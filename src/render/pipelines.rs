@@ -4,6 +4,7 @@ use super::gpu_types::{
     GpuDensityJob, GpuDensityKernel, GpuFaceFactors, GpuTerrainCounters, GpuTerrainDraw,
     GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
 };
+use crate::detail::DetailKernel;
 use bevy::asset::load_embedded_asset;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
 use bevy::core_pipeline::prepass::prepass_target_descriptors;
@@ -89,6 +90,8 @@ pub(super) fn init_terrain_pipelines(
                 read(word),
                 texture_2d_array(TextureSampleType::Uint),
                 texture_2d_array(TextureSampleType::Uint),
+                texture_2d_array(TextureSampleType::Uint),
+                uniform_buffer_sized(false, size_of_pod::<DetailKernel>()),
             ),
         ),
     );
@@ -162,6 +165,7 @@ pub(super) fn init_terrain_pipelines(
             read(word),
             texture_2d_array(TextureSampleType::Float { filterable: true }),
             sampler(SamplerBindingType::Filtering),
+            uniform_buffer_sized(false, size_of_pod::<DetailKernel>()),
         ),
     );
     let draw_layout = BindGroupLayoutDescriptor::new("terrain_draw_layout", &draw_entries);

@@ -9,6 +9,7 @@ use super::gpu_types::{
 };
 use super::pipelines::TerrainPipelines;
 use super::statistics::TerrainViewStatistics;
+use crate::detail::DetailKernel;
 use crate::tessellate::FACTOR_SCALES;
 use crate::tile::{DENSITY_TEXELS, HeightTile, TILE_STORED};
 use bevy::platform::collections::HashMap;
@@ -45,6 +46,10 @@ pub(super) struct GpuTerrain {
     pub(super) heights_view: TextureView,
     densities: Texture,
     densities_view: TextureView,
+    errors: Texture,
+    errors_view: TextureView,
+    detail: Buffer,
+    written_detail: Option<DetailKernel>,
     gradients: Texture,
     gradients_view: TextureView,
     page_table: Buffer,
@@ -229,6 +234,17 @@ impl GpuTerrain {
             TextureFormat::R8Uint,
             DENSITY_TEXELS,
         );
+        let (errors, errors_view) = atlas(
+            "terrain_error_pages",
+            TextureFormat::Rg32Uint,
+            DENSITY_TEXELS,
+        );
+        let detail = buffer(
+            device,
+            "terrain_detail",
+            size_of::<DetailKernel>() as u64,
+            BufferUsages::UNIFORM,
+        );
         let parameters = buffer(
             device,
             "terrain_material_parameters",
@@ -247,6 +263,10 @@ impl GpuTerrain {
             heights_view,
             densities,
             densities_view,
+            errors,
+            errors_view,
+            detail,
+            written_detail: None,
             gradients,
             gradients_view,
             page_table: empty("terrain_page_table"),
@@ -318,6 +338,12 @@ impl GpuTerrain {
             &upload.tile.densities.own_texels(),
             DENSITY_TEXELS,
             1,
+        );
+        write(
+            &self.errors,
+            upload.tile.errors.texels().as_flattened(),
+            DENSITY_TEXELS,
+            8,
         );
         let scale = gradient_scale / (1_u32 << upload.address.level) as f32;
         tile_gradients(&upload.tile.heights, scale, scratch);
@@ -549,6 +575,8 @@ impl GpuTerrainMesh {
                     terrain.field.as_entire_binding(),
                     &terrain.heights_view,
                     &terrain.densities_view,
+                    &terrain.errors_view,
+                    terrain.detail.as_entire_binding(),
                 )),
             ),
             classify: group(
@@ -607,6 +635,7 @@ impl GpuTerrainMesh {
                     terrain.page_table.as_entire_binding(),
                     &terrain.gradients_view,
                     &pipelines.gradient_sampler,
+                    terrain.detail.as_entire_binding(),
                 )),
             ),
             preview_draw: preview.map(|preview| {
@@ -618,6 +647,7 @@ impl GpuTerrainMesh {
                         terrain.page_table.as_entire_binding(),
                         &terrain.gradients_view,
                         &pipelines.gradient_sampler,
+                        terrain.detail.as_entire_binding(),
                         preview.densities.as_entire_binding(),
                     )),
                 )
@@ -648,6 +678,7 @@ pub(super) fn prepare_terrains(
             pages,
             field,
             parameters,
+            detail,
             ..
         } = extracted;
         let terrain = terrains
@@ -681,6 +712,10 @@ pub(super) fn prepare_terrains(
                 &device,
                 &queue,
             );
+        }
+        if terrain.written_detail != Some(*detail) {
+            terrain.written_detail = Some(*detail);
+            queue.write_buffer(&terrain.detail, 0, bytemuck::bytes_of(detail));
         }
         if terrain.written_parameters != Some(*parameters) {
             terrain.written_parameters = Some(*parameters);

@@ -22,26 +22,8 @@ mod tile;
 
 pub use pages::PageTable;
 pub use planner::Planner;
-pub(crate) use planner::tile_bounds;
 pub use state::TerrainState;
 pub(crate) use systems::{
-    forget_removed_terrain, reset_changed_terrains, start_terrains, stream_tiles,
+    forget_removed_terrain, reset_changed_terrains, start_terrains, stream_tiles, update_detail,
 };
 pub use tile::{TerrainTiles, TileBounds, TileData, TileOf, TilePage};
-
-/// The manifest of a terrain that exists in tests only.
-#[cfg(test)]
-pub(crate) fn test_manifest_file(size: [u32; 2]) -> crate::terrain::ManifestFile {
-    use crate::terrain::{DensitySettings, MANIFEST_MAGIC, MANIFEST_VERSION, ManifestFile};
-    ManifestFile {
-        format: MANIFEST_MAGIC.to_owned(),
-        version: MANIFEST_VERSION,
-        size,
-        spacing_m: 1.0,
-        height_min_m: -100.0,
-        height_step_m: 0.05,
-        levels: ManifestFile::levels_for(size),
-        density: DensitySettings::default(),
-        index_crc32: 0,
-    }
-}

@@ -1,8 +1,8 @@
 //! What should be resident: tiles ranked by how much the views need them.
 
 use crate::lattice::{Lattice, NodeBounds, ViewLod};
+use crate::terrain::tile_bounds;
 use crate::tile::{TileAddress, TileIndex};
-use glam::IVec2;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashSet};
 
@@ -106,21 +106,6 @@ impl Planner {
         }
         self.truncated = !self.open.is_empty();
     }
-}
-
-/// The part of a tile's square that lies on the terrain.
-pub(crate) fn tile_bounds(lattice: &Lattice, address: TileAddress) -> Option<NodeBounds> {
-    let size = i64::from(lattice.node_size(i32::from(address.level)));
-    let low = [address.x, address.z].map(|at| i64::from(at) * size);
-    let extent = [lattice.extent.x, lattice.extent.y].map(i64::from);
-    if low[0] >= extent[0] || low[1] >= extent[1] {
-        return None;
-    }
-    // Below the extent, so within 31 bits.
-    let low = IVec2::new(low[0] as i32, low[1] as i32);
-    let room = lattice.extent - low;
-    let high = low + room.min(IVec2::splat(size as i32));
-    Some(NodeBounds { low, high })
 }
 
 /// How much the views want a tile: its distance in sizes of itself, scaled by a common factor,

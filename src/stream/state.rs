@@ -3,6 +3,7 @@
 use super::planner::Planner;
 use super::residency::Residency;
 use super::{PageTable, TileBounds};
+use crate::detail::{DetailKernel, TerrainDetail};
 use crate::lattice::{DEFAULT_FACES_PER_SIDE, Lattice, LatticeError, ResidencyField, ViewLod};
 use crate::terrain::{TerrainManifest, TerrainSettings};
 use crate::tile::{TerrainTile, TileAddress};
@@ -40,6 +41,9 @@ pub struct TerrainState {
     /// The views of this terrain, refilled every frame.
     pub(super) views: Vec<ViewLod>,
     pub(super) lattice: Lattice,
+    /// The detail as the game gave it, and as it is evaluated.
+    pub(super) raw_detail: Option<TerrainDetail>,
+    pub(super) detail: DetailKernel,
     instance: u64,
 }
 
@@ -105,6 +109,8 @@ impl TerrainState {
             cursor: 0,
             views: Vec::new(),
             lattice,
+            raw_detail: None,
+            detail: DetailKernel::default(),
             instance: INSTANCE.fetch_add(1, Ordering::Relaxed),
         })
     }
@@ -114,6 +120,13 @@ impl TerrainState {
     #[must_use]
     pub const fn lattice(&self) -> &Lattice {
         &self.lattice
+    }
+
+    /// What is added to the stored heights, as its [`TerrainDetail`] says; without octaves where it
+    /// has none.
+    #[must_use]
+    pub const fn detail(&self) -> &DetailKernel {
+        &self.detail
     }
 
     /// The terrain's manifest and the index of its tiles.

@@ -2,6 +2,7 @@
 
 use super::state::{Loading, Slot, TerrainState};
 use super::{TerrainTiles, TileData, TileOf, TilePage};
+use crate::detail::{DetailKernel, TerrainDetail};
 use crate::terrain::{
     Terrain, TerrainFailed, TerrainManifest, TerrainReady, TerrainSettings, TileEvicted,
     TileFailed, TileLoaded,
@@ -133,6 +134,22 @@ fn reason_of(error: &AssetLoadError, path: &str) -> String {
             format!("{path} is missing")
         }
         error => format!("{path} can't be loaded: {error}"),
+    }
+}
+
+/// Follows what terrains' [`TerrainDetail`] says.
+pub(crate) fn update_detail(mut terrains: Query<(&mut TerrainState, Option<&TerrainDetail>)>) {
+    for (mut state, detail) in &mut terrains {
+        if state.raw_detail.as_ref() == detail {
+            continue;
+        }
+        let state = &mut *state;
+        let path = &state.manifest_path;
+        state.raw_detail = detail.cloned();
+        state.detail = detail.map_or_else(DetailKernel::default, |detail| {
+            let checked = detail.checked(|error| error!("{path}: {error}; the default is used"));
+            DetailKernel::new(&checked, &state.lattice, state.manifest.file.spacing_m)
+        });
     }
 }
 

@@ -26,6 +26,8 @@ pub struct TerrainCamera {
     /// Control faces along a node's side, a power of two from 2 to 32. More faces follow the
     /// density map more closely; they cost GPU time whether or not they are cut up.
     pub faces_per_side: u32,
+    /// What decides how finely the ground is cut.
+    pub policy: TessellationPolicy,
     /// Wanted length of a triangle's edge on the screen where the ground is roughest, in pixels,
     /// 1 to 256. Triangles grow with the inverse square of it.
     pub triangle_width_px: f32,
@@ -51,6 +53,7 @@ impl Default for TerrainCamera {
         Self {
             lod: LodSettings::default(),
             faces_per_side: DEFAULT_FACES_PER_SIDE,
+            policy: TessellationPolicy::default(),
             triangle_width_px: 8.0,
             max_factor: 64.0,
             min_triangle_m: None,
@@ -59,6 +62,25 @@ impl Default for TerrainCamera {
             max_vertices: 1 << 20,
         }
     }
+}
+
+/// What decides how finely the ground is cut.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Reflect)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum TessellationPolicy {
+    /// Triangles of [`TerrainCamera::triangle_width_px`], wider where the density map says that the
+    /// ground is plain (Cantlay 2011; Cervin 2012).
+    #[default]
+    TriangleWidth,
+    /// As few triangles as keep the error below a bound: no height that is drawn lies further than
+    /// this beside that of the tiles in view, as seen on the screen. Follows from bounds that are
+    /// stored with the tiles; neither the triangle width nor the density map counts. What coarser
+    /// levels leave out of the ground is not part of the error; [`LodSettings::reach`] decides it.
+    ScreenError {
+        /// The most that a height may be off, in pixels, 0.1 to 64.
+        max_px: f32,
+    },
 }
 
 /// What is wrong with a [`TerrainCamera`].
@@ -117,6 +139,12 @@ impl TerrainCamera {
             (1.0, 64.0),
             default.max_factor,
         );
+        let policy = match self.policy {
+            TessellationPolicy::ScreenError { max_px } => TessellationPolicy::ScreenError {
+                max_px: number("policy.max_px", max_px, (0.1, 64.0), 1.0),
+            },
+            policy @ TessellationPolicy::TriangleWidth => policy,
+        };
         let density = number("density", self.density, (0.0, 1.0), default.density);
         let min_triangle_m = self.min_triangle_m.and_then(|metres| {
             let checked = number(
@@ -159,6 +187,7 @@ impl TerrainCamera {
         Self {
             lod,
             faces_per_side,
+            policy,
             triangle_width_px,
             max_factor,
             min_triangle_m,

@@ -9,7 +9,7 @@ use thiserror::Error;
 /// What the manifest's `format` field must say.
 pub const MANIFEST_MAGIC: &str = "tessera-terrain";
 /// The manifest version that this crate writes and reads.
-pub const MANIFEST_VERSION: u32 = 2;
+pub const MANIFEST_VERSION: u32 = 3;
 /// Name of the manifest in a terrain's folder.
 pub const MANIFEST_FILE: &str = "terrain.ron";
 /// Name of the tile index in a terrain's folder.
@@ -324,4 +324,20 @@ pub enum ManifestError {
         /// Tiles of level 0 that the manifest wants.
         wanted: [u32; 2],
     },
+}
+
+/// The manifest of a terrain that exists in tests only.
+#[cfg(test)]
+pub(crate) fn test_manifest_file(size: [u32; 2]) -> ManifestFile {
+    ManifestFile {
+        format: MANIFEST_MAGIC.to_owned(),
+        version: MANIFEST_VERSION,
+        size,
+        spacing_m: 1.0,
+        height_min_m: -100.0,
+        height_step_m: 0.05,
+        levels: ManifestFile::levels_for(size),
+        density: DensitySettings::default(),
+        index_crc32: 0,
+    }
 }

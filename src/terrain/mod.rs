@@ -9,12 +9,13 @@ mod events;
 #[cfg(feature = "ecs")]
 mod loader;
 mod manifest;
+mod nearest_ground;
 #[cfg(feature = "ecs")]
 mod plugin;
 
 pub use crate::density::{DensityBorder, DensityFilter, DensitySettings, DensitySettingsError};
 #[cfg(feature = "ecs")]
-pub use camera::{TerrainCamera, TerrainCameraError};
+pub use camera::{TerrainCamera, TerrainCameraError, TessellationPolicy};
 #[cfg(feature = "ecs")]
 pub use component::{Terrain, TerrainSettings, TerrainSettingsError};
 #[cfg(feature = "ecs")]
@@ -22,9 +23,13 @@ pub use events::{TerrainFailed, TerrainReady, TileEvicted, TileFailed, TileLoade
 #[cfg(feature = "ecs")]
 pub use loader::{ManifestLoadError, TerrainManifestLoader};
 pub(crate) use manifest::check_size;
+#[cfg(test)]
+pub(crate) use manifest::test_manifest_file;
 pub use manifest::{
     INDEX_FILE, MANIFEST_FILE, MANIFEST_MAGIC, MANIFEST_VERSION, MAX_LEAF_TILES, MAX_LEVELS,
     MAX_SIZE, MIN_SIZE, ManifestError, ManifestFile, TerrainManifest,
 };
+pub use nearest_ground::GroundQuery;
+pub(crate) use nearest_ground::tile_bounds;
 #[cfg(feature = "ecs")]
 pub use plugin::{TerrainPlugin, TerrainSystems};

@@ -1,6 +1,7 @@
 //! The plugin that makes terrains live.
 
 use super::{Terrain, TerrainCamera, TerrainManifest, TerrainManifestLoader, TerrainSettings};
+use crate::detail::TerrainDetail;
 use crate::stream::{self, TerrainTiles, TileBounds, TileData, TileOf, TilePage};
 use crate::tile::{TerrainTile, TerrainTileLoader, TileAddress};
 use crate::view;
@@ -40,6 +41,7 @@ impl Plugin for TerrainPlugin {
             .init_asset_loader::<TerrainTileLoader>()
             .register_type::<Terrain>()
             .register_type::<TerrainSettings>()
+            .register_type::<TerrainDetail>()
             .register_type::<TerrainCamera>()
             .register_type::<TileAddress>()
             .register_type::<TileOf>()
@@ -61,7 +63,12 @@ impl Plugin for TerrainPlugin {
             .add_systems(
                 PostUpdate,
                 (
-                    (stream::reset_changed_terrains, stream::start_terrains)
+                    (
+                        stream::reset_changed_terrains,
+                        stream::start_terrains,
+                        // What has only just started is followed in the next frame.
+                        stream::update_detail,
+                    )
                         .chain()
                         .in_set(TerrainSystems::Load),
                     view::update_views.in_set(TerrainSystems::View),

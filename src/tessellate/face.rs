@@ -98,6 +98,8 @@ pub struct FaceCounts {
     /// Whether the inner grid reaches the edges and takes their vertices for its own outermost ones
     /// ([`Partitioning::PowerOfTwoMorph`]).
     pub nested: bool,
+    /// Which edges run from their first corner on, see [`runs_forward`].
+    pub forward: [bool; 4],
 }
 
 impl FaceCounts {
@@ -154,6 +156,9 @@ impl Face {
             edge,
             inner,
             nested: self.partitioning == Partitioning::PowerOfTwoMorph,
+            forward: std::array::from_fn(|e| {
+                runs_forward(self.corners[e], self.corners[(e + 1) % 4])
+            }),
         }
     }
 
@@ -306,8 +311,7 @@ impl FaceCounts {
             return None;
         };
         let count = self.edge[e];
-        // Edges 2 and 3 run against their canonical direction.
-        let cut = if e < 2 {
+        let cut = if self.forward[e] {
             along * count / side
         } else {
             count - (side - along) * count / side

@@ -1,7 +1,9 @@
 //! How finely an edge is cut: the projected size of the sphere around it.
 
+use super::edge_error::{GroundErrors, LevelErrors, error_spacing};
 use super::face::runs_forward;
 use super::{DENSITY_ONE, FACTOR_MAX, FACTOR_ONE};
+use crate::lattice::ONE;
 use glam::{IVec2, Vec2, Vec3};
 
 /// One end of an edge: its lattice point and the displaced height there.
@@ -40,10 +42,18 @@ pub struct FactorView {
     /// The vertical error that may be left on the screen, in pixels: factors follow from the stored
     /// bounds of it and not from the triangle width. 0 for factors by triangle width.
     pub max_error_px: f32,
+    /// Units of [`ErrorBounds`] that make a metre.
+    pub error_units_per_m: f32,
     /// How far densities count, 0 (not at all) to 1 (in full): a factor is scaled by
     /// `1 - strength + strength * density`.
     pub density_strength: f32,
 }
+
+/// How far the square beside an edge reaches from its middle, in lengths of the edge: half a
+/// diagonal.
+const SQUARE_REACH: f32 = 0.707_106_77;
+/// The longest edge of a triangle, in lengths of a segment: the diagonal of a square.
+const STRETCH: f32 = std::f32::consts::SQRT_2;
 
 /// An edge as the eye sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,6 +62,10 @@ pub struct ProjectedEdge {
     pub wanted: f32,
     /// The most that it may have, by its length on the ground and the view's limit.
     pub limit: f32,
+    /// Its length on the ground, metres.
+    pub length_m: f32,
+    /// From the eye to the nearest ground of the square beside it, metres.
+    pub nearest_m: f32,
 }
 
 impl FactorView {
@@ -87,6 +101,37 @@ impl FactorView {
         ProjectedEdge {
             wanted,
             limit: (length_m / self.min_triangle_m).min(self.max_factor),
+            length_m,
+            nearest_m: (distance_m - SQUARE_REACH * diameter_m).max(0.0),
+        }
+    }
+
+    /// Segments that the edge wants so that no more than [`max_error_px`](Self::max_error_px) is left
+    /// on the screen, where triangles leave `errors` and samples of level 0 are `sample_m` apart.
+    #[must_use]
+    pub fn wanted_by_error(
+        &self,
+        edge: &ProjectedEdge,
+        errors: &GroundErrors,
+        sample_m: f32,
+    ) -> f32 {
+        let allowed_m = if self.focal_px > 0.0 {
+            self.max_error_px * edge.nearest_m / self.focal_px
+        } else {
+            self.max_error_px / self.px_per_m
+        };
+        let by_level = |errors: &LevelErrors| {
+            let spacing = error_spacing(&errors.bounds, allowed_m * self.error_units_per_m);
+            let spacing_m = spacing * sample_m * (1_u32 << errors.level) as f32;
+            STRETCH * edge.length_m / spacing_m.max(1e-6)
+        };
+        let fine = by_level(&errors.fine);
+        match &errors.coarse {
+            None => fine,
+            Some((coarse, morph)) => {
+                let part = *morph as f32 / ONE as f32;
+                fine * (1.0 - part) + by_level(coarse) * part
+            }
         }
     }
 
@@ -98,7 +143,13 @@ impl FactorView {
     pub fn factor(&self, edge: ProjectedEdge, density: u32) -> u32 {
         let density = density as f32 / DENSITY_ONE as f32;
         let weight = 1.0 - self.density_strength * (1.0 - density);
-        let factor = (edge.wanted * weight).min(edge.limit).max(1.0);
+        Self::fixed(edge.wanted * weight, edge.limit)
+    }
+
+    /// `wanted` segments as a factor in fixed point, not above `limit`.
+    #[must_use]
+    pub fn fixed(wanted: f32, limit: f32) -> u32 {
+        let factor = wanted.min(limit).max(1.0);
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,

@@ -12,6 +12,10 @@ pub trait PageSource {
     /// where the tile isn't there.
     fn height(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16>;
 
+    /// The stored error bounds of a tile at a texel counted from its first own one, `0..32`; `None`
+    /// where the tile isn't there.
+    fn errors(&self, tile: TileAddress, x: i32, z: i32) -> Option<[u8; 8]>;
+
     /// The stored density of a tile at a texel counted from its first own one, `0..32`; `None`
     /// where the tile isn't there.
     fn density(&self, tile: TileAddress, x: i32, z: i32) -> Option<u8>;
@@ -27,6 +31,11 @@ pub struct Pages {
 impl PageSource for Pages {
     fn height(&self, tile: TileAddress, x: i32, z: i32) -> Option<u16> {
         self.tiles.get(&tile).map(|tile| tile.heights.get(x, z))
+    }
+
+    fn errors(&self, tile: TileAddress, x: i32, z: i32) -> Option<[u8; 8]> {
+        let tile = self.tiles.get(&tile)?;
+        Some(tile.errors.get(x.cast_unsigned(), z.cast_unsigned()))
     }
 
     fn density(&self, tile: TileAddress, x: i32, z: i32) -> Option<u8> {

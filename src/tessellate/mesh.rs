@@ -2,11 +2,12 @@
 
 use super::height::height;
 use super::{
-    DensityReader, EdgeEnd, FACTOR_SCALES, Face, FaceFactors, FaceVertex, FactorView, LocalVolume,
-    PageSource, Partitioning,
+    DENSITY_ONE, DensityReader, EdgeEnd, FACTOR_SCALES, Face, FaceFactors, FaceVertex, FactorView,
+    GroundErrors, LocalVolume, PageSource, Partitioning, ProjectedEdge,
 };
+use crate::detail::{DETAIL_SLOPE, DetailKernel};
 use crate::lattice::{Lattice, Node, ONE, ResidencyField, ViewLod};
-use glam::{IVec2, Vec3};
+use glam::{IVec2, Vec2, Vec3};
 
 /// The corners of a face, around it.
 const AROUND: [IVec2; 4] = [IVec2::ZERO, IVec2::X, IVec2::ONE, IVec2::Y];
@@ -36,11 +37,12 @@ pub struct TerrainMesh {
 }
 
 /// What faces are culled by.
+#[derive(Clone, Copy)]
 pub struct FaceCulling<'a> {
     /// Everything that looks at the view's nodes.
     pub volumes: &'a [LocalVolume],
     /// The lowest and the highest height that a node may be drawn with, metres.
-    pub heights_m: &'a dyn Fn(&Node) -> [f32; 2],
+    pub heights_m: &'a (dyn Fn(&Node) -> [f32; 2] + Sync),
 }
 
 /// Everything that a view's mesh follows from.
@@ -67,15 +69,61 @@ pub struct ViewMesh<'a, S: PageSource> {
     pub max_triangles: u32,
     /// What faces are culled by; `None` draws all.
     pub culling: Option<FaceCulling<'a>>,
+    /// What is added to the stored heights.
+    pub detail: Option<&'a DetailKernel>,
 }
 
 impl<S: PageSource> ViewMesh<'_, S> {
-    /// Height in metres and level of detail at `p`, as a node of `level` reads them.
+    /// Height in metres and level of detail at `p`, as a node of `level` draws them.
     ///
     /// # Panics
     /// Where the residency field promises a tile that `pages` doesn't hold.
     #[must_use]
     pub fn displaced(&self, p: IVec2, level: i32) -> (f32, i32) {
+        let (stored_m, lambda) = self.stored(p, level);
+        let Some(detail) = self.detail else {
+            return (stored_m, lambda);
+        };
+        let weight = self.detail_weight(detail, p, level, stored_m);
+        let added_m = detail.height_m(p, weight, self.finest_log2(p, level));
+        (stored_m + added_m, lambda)
+    }
+
+    /// How much detail there is at `p`, 0..=1, where the stored height is `stored_m`.
+    fn detail_weight(&self, detail: &DetailKernel, p: IVec2, level: i32, stored_m: f32) -> f32 {
+        let mut gradient = Vec2::ZERO;
+        if detail.rule == DETAIL_SLOPE {
+            let lambda = self.lod.lambda(self.lattice, self.field, p, level);
+            let reach = 1 << (self.lattice.unit_log2 + (lambda >> 16).cast_unsigned());
+            for (axis, step) in [IVec2::X, IVec2::Y].into_iter().enumerate() {
+                let low = self.lattice.clamp(p - step * reach);
+                let high = self.lattice.clamp(p + step * reach);
+                let rise_m = self.stored(high, level).0 - self.stored(low, level).0;
+                let run_m = (high - low)[axis] as f32 * self.factor_view.unit_m;
+                gradient[axis] = rise_m / run_m;
+            }
+        }
+        detail.weight(stored_m, gradient)
+    }
+
+    /// `log2` of the spacing of vertices at `p` that the view can afford, in lattice units, 16.16: by
+    /// the wanted width of a triangle there, and by the finest cut of the level's faces.
+    fn finest_log2(&self, p: IVec2, level: i32) -> i32 {
+        let view = self.factor_view;
+        let width = if view.segments_per_m > 0.0 {
+            1.0 / (view.segments_per_m * view.unit_m)
+        } else {
+            self.lod.distance(p).max(1) as f32 / view.segments_per_radian
+        };
+        let face_log2 = self.lattice.node_log2(level) - self.lattice.faces_log2;
+        let cut = face_log2 as f32 - view.max_factor.log2();
+        #[expect(clippy::cast_possible_truncation, reason = "logarithms are small")]
+        let [by_width, by_cut] = [width.log2(), cut].map(|log2| (log2 * ONE as f32) as i32);
+        by_width.max(by_cut + self.lod.morph(self.lattice, p, level))
+    }
+
+    /// Stored height in metres and level of detail at `p`, as a node of `level` reads them.
+    fn stored(&self, p: IVec2, level: i32) -> (f32, i32) {
         let lambda = self.lod.lambda(self.lattice, self.field, p, level);
         let stored = height(self.pages, self.lattice, p, lambda)
             .expect("the residency field never promises a tile that isn't there");
@@ -120,10 +168,20 @@ impl<S: PageSource> ViewMesh<'_, S> {
     /// `classify`: the factors of face `face` of `node`.
     #[must_use]
     pub fn classify(&self, node: &Node, face: u32) -> FaceFactors {
-        let ends = self.corners(node, face).map(|point| EdgeEnd {
+        let corners = self.corners(node, face);
+        let ends = corners.map(|point| EdgeEnd {
             point,
             height_m: self.displaced(point, node.level).0,
         });
+        // What detail needs at the corners.
+        let needed = corners.map(|point| {
+            self.detail.map_or(0, |detail| {
+                let (stored_m, _) = self.stored(point, node.level);
+                detail.density(self.detail_weight(detail, point, node.level, stored_m))
+            })
+        });
+        let needed_along = |e: usize| needed[e].max(needed[(e + 1) % 4]);
+        let needed_inside = needed.into_iter().max().unwrap_or(0);
         let reader = DensityReader {
             lattice: self.lattice,
             lod: self.lod,
@@ -132,15 +190,37 @@ impl<S: PageSource> ViewMesh<'_, S> {
         };
         let ij = self.place(face);
         let view = self.factor_view;
-        let edges = [0, 1, 2, 3].map(|e| view.project(ends[e], ends[(e + 1) % 4]));
-        let inside = reader.face_density(node.level, node.origin, ij);
-        let inside = edges.map(|edge| view.factor(edge, inside));
-        FaceFactors {
-            edges: std::array::from_fn(|e| {
-                let (a, b) = (ij + AROUND[e], ij + AROUND[(e + 1) % 4]);
+        let projected = [0, 1, 2, 3].map(|e| view.project(ends[e], ends[(e + 1) % 4]));
+        let around = |e: usize| (ij + AROUND[e], ij + AROUND[(e + 1) % 4]);
+        let (edges, inside) = if view.max_error_px > 0.0 {
+            let sample_m = view.unit_m * (1_u32 << self.lattice.unit_log2) as f32;
+            let factor = |edge: &ProjectedEdge, errors: &GroundErrors, needed: u32| {
+                let by_detail = edge.wanted * (needed as f32 / DENSITY_ONE as f32);
+                let wanted = view.wanted_by_error(edge, errors, sample_m).max(by_detail);
+                FactorView::fixed(wanted, edge.limit)
+            };
+            let edges = std::array::from_fn(|e| {
+                let (a, b) = around(e);
+                let errors = reader.edge_errors(node.level, node.origin, a, b);
+                factor(&projected[e], &errors, needed_along(e))
+            });
+            let inside = reader.face_errors(node.level, node.origin, ij);
+            (
+                edges,
+                projected.map(|edge| factor(&edge, &inside, needed_inside)),
+            )
+        } else {
+            let edges = std::array::from_fn(|e| {
+                let (a, b) = around(e);
                 let density = reader.edge_density(node.level, node.origin, a, b);
-                view.factor(edges[e], density)
-            }),
+                view.factor(projected[e], density.max(needed_along(e)))
+            });
+            let inside = reader.face_density(node.level, node.origin, ij);
+            let inside = inside.max(needed_inside);
+            (edges, projected.map(|edge| view.factor(edge, inside)))
+        };
+        FaceFactors {
+            edges,
             inside: [inside[0].max(inside[2]), inside[1].max(inside[3])],
             culled: self.is_culled(node, &ends.map(|end| end.point)),
         }

@@ -11,6 +11,7 @@
 //! whatever their levels.
 
 mod edge_density;
+mod edge_error;
 mod face;
 mod factor;
 mod height;
@@ -20,6 +21,7 @@ mod strip;
 mod volume;
 
 pub use edge_density::{DENSITY_ONE, DensityReader};
+pub use edge_error::{ErrorBounds, GroundErrors, LevelErrors, error_spacing};
 pub use face::{Face, FaceCounts, FaceFactors, FaceVertex, runs_forward};
 pub use factor::{EdgeEnd, FactorView, ProjectedEdge};
 pub use height::{PageSource, Pages};

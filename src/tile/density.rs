@@ -74,7 +74,7 @@ impl DensityTile {
         format::finish(bytes)
     }
 
-    /// Reads what [`encode`](Self::encode) wrote, alone or beside the tile's other section.
+    /// Reads what [`encode`](Self::encode) wrote, alone or beside the tile's other sections.
     ///
     /// # Errors
     /// Where the bytes are short, damaged, of another format or version, or another tile's than

@@ -31,6 +31,8 @@ pub enum TileKind {
     Height,
     /// A tile of densities, the second section of `tile/{level}/{x}_{z}.tile`.
     Density,
+    /// A tile of bounds on what triangles leave, the third section of `tile/{level}/{x}_{z}.tile`.
+    Error,
     /// The index of all tiles, `tiles.index`.
     Index,
 }
@@ -42,6 +44,7 @@ impl TileKind {
         match self {
             Self::Height => *b"TSRHGHT\0",
             Self::Density => *b"TSRDENS\0",
+            Self::Error => *b"TSRERRB\0",
             Self::Index => *b"TSRINDX\0",
         }
     }
@@ -52,6 +55,7 @@ impl TileKind {
         match self {
             Self::Height => "height tile",
             Self::Density => "density tile",
+            Self::Error => "error tile",
             Self::Index => "tile index",
         }
     }
@@ -176,7 +180,7 @@ pub(crate) fn section(bytes: &[u8], kind: TileKind) -> &[u8] {
     while rest.len() > HEADER_LEN {
         let length = HEADER_LEN + u32_at(rest, 24) as usize;
         let known = |magic: &[u8]| {
-            [TileKind::Height, TileKind::Density]
+            [TileKind::Height, TileKind::Density, TileKind::Error]
                 .iter()
                 .any(|kind| magic.starts_with(&kind.magic()))
         };

@@ -1,4 +1,4 @@
-//! Tiles: the unit in which heights and densities are stored, streamed and edited.
+//! Tiles: the unit in which heights, densities and error bounds are stored, streamed and edited.
 //!
 //! A tile covers [`TILE_SAMPLES`]² samples of one level and carries a border of its neighbours'
 //! samples, so that whoever holds one tile can filter, interpolate and tessellate inside it
@@ -6,6 +6,7 @@
 
 mod address;
 mod density;
+mod error;
 mod format;
 mod height;
 mod index;
@@ -15,6 +16,7 @@ mod whole;
 
 pub use address::TileAddress;
 pub use density::DensityTile;
+pub use error::{ERROR_UNIT, ErrorTile, decode_error, encode_error};
 pub use format::{TileFormatError, TileKind};
 pub use height::HeightTile;
 pub use index::{LevelIndex, TileIndex, TileRange};
@@ -29,12 +31,18 @@ pub fn tile_path(address: TileAddress) -> String {
     format!("tile/{level}/{x}_{z}.tile")
 }
 
-/// The bytes of a tile's file: its heights' section, then its densities'. One file and not two,
-/// because on many disks a file costs more than what is in it.
+/// The bytes of a tile's file: its heights' section, its densities', and that of its error bounds.
+/// One file and not three, because on many disks a file costs more than what is in it.
 #[must_use]
-pub fn encode_tile(address: TileAddress, heights: &HeightTile, densities: &DensityTile) -> Vec<u8> {
+pub fn encode_tile(
+    address: TileAddress,
+    heights: &HeightTile,
+    densities: &DensityTile,
+    errors: &ErrorTile,
+) -> Vec<u8> {
     let mut bytes = heights.encode(address);
     bytes.extend(densities.encode(address));
+    bytes.extend(errors.encode(address));
     bytes
 }
 
@@ -54,3 +62,5 @@ pub const DENSITY_TEXELS: u32 = TILE_SAMPLES / DENSITY_CELL;
 pub const DENSITY_BORDER: u32 = 1;
 /// Density texels along a stored side: 1 before, 32 own, 2 after.
 pub const DENSITY_STORED: u32 = DENSITY_TEXELS + 2 * DENSITY_BORDER + 1;
+/// Spacings for which a texel's error is bounded: `2^0 ..= 2^6` samples of the tile's level.
+pub const ERROR_SPACINGS: usize = 7;

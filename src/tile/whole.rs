@@ -1,6 +1,6 @@
 //! All that is stored of one tile.
 
-use super::{DensityTile, HeightTile, TileAddress, TileFormatError};
+use super::{DensityTile, ErrorTile, HeightTile, TileAddress, TileFormatError};
 
 /// One tile: what its file holds, and what streaming loads.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -10,13 +10,15 @@ pub struct TerrainTile {
     pub heights: HeightTile,
     /// How finely its ground deserves to be tessellated.
     pub densities: DensityTile,
+    /// How far triangles may be from its ground.
+    pub errors: ErrorTile,
 }
 
 impl TerrainTile {
     /// The bytes of the tile's file: a section each, the heights' first.
     #[must_use]
     pub fn encode(&self, address: TileAddress) -> Vec<u8> {
-        super::encode_tile(address, &self.heights, &self.densities)
+        super::encode_tile(address, &self.heights, &self.densities, &self.errors)
     }
 
     /// Reads what [`encode`](Self::encode) wrote.
@@ -28,6 +30,7 @@ impl TerrainTile {
         Ok(Self {
             heights: HeightTile::decode(bytes, expected)?,
             densities: DensityTile::decode(bytes, expected)?,
+            errors: ErrorTile::decode(bytes, expected)?,
         })
     }
 

@@ -1,8 +1,6 @@
 //! Where the eyes are: what each camera's level of detail on each terrain follows from.
 
-mod nearest_ground;
-
-pub use nearest_ground::GroundQuery;
+pub use crate::terrain::GroundQuery;
 
 use crate::lattice::{Lattice, ViewLod};
 use crate::stream::TerrainState;
@@ -208,7 +206,12 @@ fn view_of(
     let (eye, eye_fraction) = lattice.lattice_from_local(eye_m.xz(), spacing_m);
     let ground = GroundQuery { lattice, manifest };
     let (floor, planar) = match parallel_height {
-        None => (ground.distance(eye, eye_m.y), true),
+        None => {
+            // Detail may bring the ground nearer than the stored bounds.
+            let detail = ground.units(state.detail().bound_m().into());
+            let distance = ground.distance(eye, eye_m.y) - detail;
+            (distance.max(0), true)
+        }
         Some(height) => {
             let distance_m = height / (2.0 * DEFAULT_SLOPE * placement.scale);
             (ground.units(distance_m), false)

@@ -3,7 +3,7 @@
 
 use bevy_tessera::bake::{self, BakeReport, BakeSettings, HeightSource, MemorySource};
 use bevy_tessera::terrain::{ManifestFile, TerrainManifest};
-use bevy_tessera::tile::{DensityTile, HeightTile, TileAddress, tile_path};
+use bevy_tessera::tile::{DensityTile, ErrorTile, HeightTile, TileAddress, tile_path};
 use std::path::{Path, PathBuf};
 
 /// A rough landscape without any symmetry: waves, a cliff, and noise.
@@ -51,6 +51,12 @@ pub fn densities(dir: &Path, address: TileAddress) -> DensityTile {
     let path = dir.join(tile_path(address));
     let bytes = std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     DensityTile::decode(&bytes, address).expect("the tile is good")
+}
+
+pub fn errors(dir: &Path, address: TileAddress) -> ErrorTile {
+    let path = dir.join(tile_path(address));
+    let bytes = std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    ErrorTile::decode(&bytes, address).expect("the tile is good")
 }
 
 /// Every address of a terrain.

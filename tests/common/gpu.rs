@@ -9,6 +9,7 @@ use bevy::render::render_resource::{
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy_tessera::bake::import::{self, ImportSettings};
 use bevy_tessera::bake::{BakeSettings, bake};
+use bevy_tessera::detail::DetailKernel;
 use bevy_tessera::lattice::{Lattice, Node, ResidencyField, ViewLod};
 use bevy_tessera::render::{
     GpuFaceFactors, GpuTerrainDrawArgs, GpuTerrainMeshes, GpuTerrainVertex, TerrainNodes,
@@ -72,6 +73,7 @@ pub struct ReadBack {
     pub factor_view: FactorView,
     pub pages: Pages,
     pub settings: TerrainCamera,
+    pub detail: DetailKernel,
     /// The room that there was in this frame.
     pub max_vertices: u32,
     pub height_min_m: f32,
@@ -220,6 +222,7 @@ impl Kernels {
                 ..factor_view(camera, &settings, &view, state).unwrap()
             },
             max_vertices: mesh.uniform().max_vertices,
+            detail: *state.detail(),
             pages,
             settings,
             height_min_m: file.height_min_m as f32,
@@ -243,6 +246,7 @@ impl ReadBack {
             max_vertices: self.max_vertices,
             max_triangles: 2 * self.max_vertices,
             culling: None,
+            detail: (self.detail.octave_count > 0).then_some(&self.detail),
         }
     }
 

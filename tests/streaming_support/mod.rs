@@ -14,8 +14,8 @@ use bevy_tessera::terrain::{
     TileLoaded,
 };
 use bevy_tessera::tile::{
-    DENSITY_STORED, DensityTile, HeightTile, TILE_BORDER, TILE_STORED, TerrainTile, TileAddress,
-    TileIndex, encode_tile, tile_path,
+    DENSITY_STORED, DensityTile, ErrorTile, HeightTile, TILE_BORDER, TILE_STORED, TerrainTile,
+    TileAddress, TileIndex, encode_tile, tile_path,
 };
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ pub fn write_terrain(dir: &Path, size: [u32; 2]) -> ManifestFile {
                 let densities = DensityTile::from_samples(texels.into()).expect("35 x 35");
                 write(
                     &dir.join(tile_path(address)),
-                    &encode_tile(address, &tile, &densities),
+                    &encode_tile(address, &tile, &densities, &ErrorTile::flat()),
                 );
             }
         }

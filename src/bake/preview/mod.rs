@@ -5,16 +5,16 @@
 
 mod drawing;
 
-use crate::terrain::{INDEX_FILE, MANIFEST_FILE, ManifestError, TerrainManifest};
+use crate::output::{PartialFile, PlaceFault, check_place};
+use crate::terrain::{ManifestError, TerrainManifest};
 use drawing::Drawing;
 use std::ffi::OsStr;
 use std::fmt;
-use std::fs::{self, File, OpenOptions};
+use std::fs::File;
 use std::io::{self, BufWriter, Read};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-use std::sync::atomic::{AtomicU32, Ordering};
 use thiserror::Error;
 
 /// What a preview says of itself, as the PNG file's keyword and text, by which it is known again.
@@ -317,15 +317,11 @@ pub fn preview(
         path: out.to_owned(),
         reason,
     };
-    let (mut partial, file) = PartialFile::create(&folder).map_err(failed)?;
+    let (partial, file) = PartialFile::create(&folder, "preview").map_err(failed)?;
     let mut file = BufWriter::new(file);
     drawing.write(&mut file).map_err(failed)?;
     let file = file.into_inner().map_err(|error| failed(error.into()))?;
-    file.sync_all().map_err(failed)?;
-    // Not every system renames what is open.
-    drop(file);
-    fs::rename(&partial.path, out).map_err(failed)?;
-    partial.published = true;
+    partial.publish(file, out).map_err(failed)?;
     let spacing_m = drawing.spacing_m();
     Ok(PreviewReport {
         size_px: drawing.size_px(),
@@ -340,44 +336,22 @@ pub fn preview(
 /// Whether `out` may be written; the folder in which it lies.
 fn check_output(out: &Path) -> Result<PathBuf, PreviewError> {
     let path = || out.to_owned();
-    if out.file_name().is_none() {
-        return Err(PreviewError::OutputFolder { path: path() });
-    }
-    let folder = match out.parent() {
-        Some(parent) if parent != Path::new("") => parent.to_owned(),
-        _ => PathBuf::from("."),
-    };
-    if !folder.is_dir() {
-        return Err(PreviewError::OutputParent {
+    let place = check_place(out).map_err(|fault| match fault {
+        PlaceFault::Folder => PreviewError::OutputFolder { path: path() },
+        PlaceFault::Parent(folder) => PreviewError::OutputParent {
             path: path(),
             folder,
-        });
-    }
-    let metadata = fs::metadata(out).ok();
-    if let Some(metadata) = &metadata {
-        if metadata.is_dir() {
-            return Err(PreviewError::OutputFolder { path: path() });
-        }
-        if !metadata.is_file() {
-            let what = "no regular file";
-            return Err(PreviewError::OutputOther { path: path(), what });
-        }
-        let named = |name: &str| out.ends_with(name);
-        let of_terrain = [MANIFEST_FILE, INDEX_FILE].into_iter().any(named)
-            || out.extension().is_some_and(|extension| extension == "tile");
-        if of_terrain {
-            let what = "a part of a terrain";
-            return Err(PreviewError::OutputOther { path: path(), what });
-        }
-    }
+        },
+        PlaceFault::Other(what) => PreviewError::OutputOther { path: path(), what },
+    })?;
     let is_png = |extension: &OsStr| extension.eq_ignore_ascii_case("png");
     if !out.extension().is_some_and(is_png) {
         return Err(PreviewError::OutputExtension { path: path() });
     }
-    if metadata.is_some_and(|metadata| metadata.len() > 0) && !is_preview(out) {
+    if place.metadata.is_some_and(|metadata| metadata.len() > 0) && !is_preview(out) {
         return Err(PreviewError::OutputExists { path: path() });
     }
-    Ok(folder)
+    Ok(place.folder)
 }
 
 /// Whether the file is a PNG file that carries the mark. One that can't be read is not known to
@@ -391,35 +365,4 @@ fn is_preview(path: &Path) -> bool {
         && head
             .windows(mark.len())
             .any(|found| found == mark.as_bytes())
-}
-
-/// A picture being written. Dropped, it is removed.
-struct PartialFile {
-    path: PathBuf,
-    published: bool,
-}
-
-impl PartialFile {
-    fn create(folder: &Path) -> io::Result<(Self, File)> {
-        static PREVIEWS: AtomicU32 = AtomicU32::new(0);
-        let preview = PREVIEWS.fetch_add(1, Ordering::Relaxed);
-        let process = std::process::id();
-        let path = folder.join(format!(".tessera-preview-{process}-{preview}.partial"));
-        // Only a process that was killed can have left it, since this one has the number now.
-        let _ = fs::remove_file(&path);
-        let file = OpenOptions::new()
-            .write(true)
-            .create_new(true)
-            .open(&path)?;
-        let published = false;
-        Ok((Self { path, published }, file))
-    }
-}
-
-impl Drop for PartialFile {
-    fn drop(&mut self) {
-        if !self.published {
-            let _ = fs::remove_file(&self.path);
-        }
-    }
 }

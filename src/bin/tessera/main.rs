@@ -4,6 +4,7 @@ mod bake;
 mod density;
 mod generate;
 mod inspect;
+mod mesh;
 mod preview;
 mod progress;
 mod text;
@@ -48,6 +49,12 @@ enum Command {
     /// Draw a terrain from above: shaded relief, densities (red where high, green where low), and
     /// both blended.
     Preview(preview::PreviewArgs),
+    /// Write the mesh that a camera sees at a place, all around it, for other programs.
+    ///
+    /// It is what a game draws there once all tiles have streamed in: watertight, vertices shared,
+    /// with normals, right-handed with y up. OBJ has metres from the terrain's first sample; glTF
+    /// the same by a translation of its node, near the eye. Reads only the tiles that the view needs.
+    Mesh(mesh::MeshArgs),
     /// Print what a terrain holds.
     Inspect {
         /// The terrain's folder.
@@ -98,6 +105,7 @@ fn run(command: Command) -> Result<ExitCode, Box<dyn Error>> {
         Command::Generate(args) => generate::generate(&args),
         Command::Density { dir, density } => density::density(&dir, &density),
         Command::Preview(args) => preview::preview(&args),
+        Command::Mesh(args) => mesh::mesh(&args),
         Command::Inspect { dir } => inspect::inspect(&dir),
         Command::Verify { dir } => inspect::verify(&dir),
     }

@@ -34,6 +34,13 @@ impl Bar {
         self.replace(Some(bar));
     }
 
+    pub fn more(&self, steps: u64) {
+        let held = self.bar.lock().unwrap_or_else(|poison| poison.into_inner());
+        if let Some(bar) = held.as_ref() {
+            bar.inc(steps);
+        }
+    }
+
     fn replace(&self, bar: Option<ProgressBar>) {
         let mut held = self.bar.lock().unwrap_or_else(|poison| poison.into_inner());
         if let Some(old) = held.take() {
@@ -60,9 +67,6 @@ impl BakeProgress for Bar {
     }
 
     fn advance(&self, samples: u64) {
-        let held = self.bar.lock().unwrap_or_else(|poison| poison.into_inner());
-        if let Some(bar) = held.as_ref() {
-            bar.inc(samples);
-        }
+        self.more(samples);
     }
 }

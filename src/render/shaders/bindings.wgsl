@@ -1,5 +1,6 @@
 #define_import_path bevy_tessera::bindings
 
+#import bevy_tessera::detail::Detail
 #import bevy_tessera::types::{COUNTERS, TerrainView, TerrainNode, TerrainVertex, TerrainDrawArgs}
 
 // Group 0: what a view's mesh is made from.
@@ -9,6 +10,8 @@
 @group(0) @binding(3) var<storage, read> residency_field: array<u32>;
 @group(0) @binding(4) var height_pages: texture_2d_array<u32>;
 @group(0) @binding(5) var density_pages: texture_2d_array<u32>;
+@group(0) @binding(6) var error_pages: texture_2d_array<u32>;
+@group(0) @binding(7) var<uniform> terrain_detail: Detail;
 
 // Group 1: what the passes hand on; each pass binds the part that it uses.
 @group(1) @binding(0) var<storage, read_write> classified_factors: array<vec4<u32>>;

@@ -3,14 +3,15 @@
 
 #import bevy_tessera::types::{
     COUNTER_CLAMPED, COUNTER_CULLED, COUNTER_EDGES, COUNTER_FACES, COUNTER_FACTORS, COUNTER_SIZES,
-    DENSITY_ONE, FACTOR_ONE, FACTOR_MAX, FACTOR_SCALES, TerrainNode,
+    DENSITY_ONE, ONE, FACTOR_ONE, FACTOR_MAX, FACTOR_SCALES, TerrainNode,
 }
 #import bevy_tessera::bindings::{
-    terrain_view, nodes, classified_factors, classified_totals, counters,
+    terrain_view, terrain_detail, nodes, classified_factors, classified_totals, counters,
 }
-#import bevy_tessera::lattice::lambda_at
-#import bevy_tessera::height::height_m
-#import bevy_tessera::edge_density::{edge_density, face_density}
+#import bevy_tessera::detail::detail_density
+#import bevy_tessera::height::displaced_m
+#import bevy_tessera::edge_density::{Squares, edge_squares, face_squares, squares_density}
+#import bevy_tessera::edge_error::{error_level, error_spacing, square_errors}
 #import bevy_tessera::face::{
     FaceFactors, face_corners, face_place, face_places_around, face_totals, pack_factors,
     runs_forward, scaled_factors,
@@ -21,9 +22,23 @@ var<workgroup> triangle_totals: array<atomic<u32>, 7>;
 // Counters up to the histogram of triangle sizes.
 var<workgroup> node_counters: array<atomic<u32>, 32>;
 
-// An edge as the eye sees it: segments that the view wants, were the ground as rough as can be, and
-// the most that it may have.
-fn project_edge(a: vec2<i32>, a_height_m: f32, b: vec2<i32>, b_height_m: f32) -> vec2<f32> {
+// How far the square beside an edge reaches from its middle, in lengths of the edge: half a diagonal.
+const SQUARE_REACH: f32 = 0.70710677;
+// The longest edge of a triangle, in lengths of a segment: the diagonal of a square.
+const STRETCH: f32 = 1.4142135;
+
+// An edge as the eye sees it.
+struct ProjectedEdge {
+    // Segments that the view wants, were the ground as rough as can be.
+    wanted: f32,
+    // The most that it may have.
+    limit: f32,
+    length_m: f32,
+    // From the eye to the nearest ground of the square beside it.
+    nearest_m: f32,
+}
+
+fn project_edge(a: vec2<i32>, a_height_m: f32, b: vec2<i32>, b_height_m: f32) -> ProjectedEdge {
     let span = vec2<f32>(b - a) * terrain_view.unit_m;
     let length_m = length(span);
     let rise_m = b_height_m - a_height_m;
@@ -36,17 +51,82 @@ fn project_edge(a: vec2<i32>, a_height_m: f32, b: vec2<i32>, b_height_m: f32) ->
     if distance_m > 0.0 {
         projected = diameter_m * terrain_view.segments_per_radian / distance_m;
     }
-    let wanted = projected + diameter_m * terrain_view.segments_per_m;
-    return vec2(wanted, min(length_m / terrain_view.min_triangle_m, terrain_view.max_factor));
+    return ProjectedEdge(
+        projected + diameter_m * terrain_view.segments_per_m,
+        min(length_m / terrain_view.min_triangle_m, terrain_view.max_factor),
+        length_m,
+        max(distance_m - SQUARE_REACH * diameter_m, 0.0),
+    );
 }
 
-fn density_weight(density: u32) -> f32 {
-    return 1.0 - terrain_view.density_strength * (1.0 - f32(density) / DENSITY_ONE);
+// What the ground beside an edge, or inside a face, asks for: the part of a projected edge's segments
+// by density, or what its triangles leave, by the view's policy.
+struct Asked {
+    weight: f32,
+    // By the ground's own level, and by the coarser one that it morphs to, `part` of the way.
+    fine: array<u32, 7>,
+    coarse: array<u32, 7>,
+    fine_sample_m: f32,
+    coarse_sample_m: f32,
+    part: f32,
+}
+
+// Metres between the samples that errors of faces of a level count in.
+fn error_sample_m(level: i32) -> f32 {
+    let sample_m = terrain_view.unit_m * f32(1u << terrain_view.unit_shift);
+    return sample_m * f32(1u << error_level(level));
+}
+
+// `detail` is the weight of detail there.
+fn ask(squares: Squares, detail: f32) -> Asked {
+    var asked: Asked;
+    if terrain_view.max_error_px > 0.0 {
+        asked.fine = square_errors(squares.fine);
+        asked.fine_sample_m = error_sample_m(squares.fine.level);
+        if squares.amount > 0 {
+            asked.coarse = square_errors(squares.coarse);
+            asked.coarse_sample_m = error_sample_m(squares.coarse.level);
+            asked.part = f32(squares.amount) / f32(ONE);
+        }
+        asked.weight = f32(detail_density(terrain_detail, detail)) / DENSITY_ONE;
+        return asked;
+    }
+    let density = max(squares_density(squares), detail_density(terrain_detail, detail));
+    asked.weight = 1.0 - terrain_view.density_strength * (1.0 - f32(density) / DENSITY_ONE);
+    return asked;
+}
+
+// Segments that an edge wants so that its triangles leave no more than `allowed_m`.
+fn segments_by_error(length_m: f32, errors: array<u32, 7>, sample_m: f32, allowed_m: f32) -> f32 {
+    let spacing = error_spacing(errors, allowed_m * terrain_view.error_units_per_m);
+    return STRETCH * length_m / max(spacing * sample_m, 1e-6);
+}
+
+// Segments that an edge wants, its limit aside.
+fn wanted_segments(edge: ProjectedEdge, asked: Asked) -> f32 {
+    var wanted = edge.wanted * asked.weight;
+    if terrain_view.max_error_px > 0.0 {
+        var allowed_m = terrain_view.max_error_px * edge.nearest_m / terrain_view.focal_px;
+        if terrain_view.focal_px <= 0.0 {
+            allowed_m = terrain_view.max_error_px / terrain_view.px_per_m;
+        }
+        var by_error = segments_by_error(
+            edge.length_m, asked.fine, asked.fine_sample_m, allowed_m,
+        );
+        if asked.part > 0.0 {
+            let by_coarse = segments_by_error(
+                edge.length_m, asked.coarse, asked.coarse_sample_m, allowed_m,
+            );
+            by_error = by_error * (1.0 - asked.part) + by_coarse * asked.part;
+        }
+        wanted = max(wanted, by_error);
+    }
+    return wanted;
 }
 
 // The one place where a float decides topology; rounded to fixed point at once.
-fn edge_factor(edge: vec2<f32>, density: u32) -> u32 {
-    let factor = max(min(edge.x * density_weight(density), edge.y), 1.0);
+fn fixed_factor(wanted: f32, limit: f32) -> u32 {
+    let factor = max(min(wanted, limit), 1.0);
     return clamp(u32(factor * f32(FACTOR_ONE) + 0.5), FACTOR_ONE, FACTOR_MAX);
 }
 
@@ -103,12 +183,17 @@ fn classify(
         for (var face = lane; face < faces; face += 64u) {
             var corners = face_corners(node, face);
             var heights: array<f32, 4>;
+            // Weights of detail.
+            var details: array<f32, 4>;
             for (var k = 0u; k < 4u; k++) {
-                heights[k] = height_m(corners[k], lambda_at(corners[k], node.level));
+                let displaced = displaced_m(corners[k], node.level);
+                heights[k] = displaced.x;
+                details[k] = displaced.y;
             }
             let place = face_place(face);
             var places = face_places_around(place);
-            let inside = face_density(node.level, node.origin, place);
+            let most_detail = max(max(details[0], details[1]), max(details[2], details[3]));
+            let inside = ask(face_squares(node.level, node.origin, place), most_detail);
             var factors: FaceFactors;
             factors.culled = is_culled(node, corners);
             var insides: vec4<u32>;
@@ -119,11 +204,12 @@ fn classify(
                 let a = select(next, e, forward);
                 let b = select(e, next, forward);
                 let edge = project_edge(corners[a], heights[a], corners[b], heights[b]);
-                let density = edge_density(node.level, node.origin, places[e], places[next]);
-                factors.edges[e] = edge_factor(edge, density);
-                insides[e] = edge_factor(edge, inside);
-                let is_clamped = edge.x * density_weight(density) > edge.y
-                    && edge.y >= terrain_view.max_factor;
+                let squares = edge_squares(node.level, node.origin, places[e], places[next]);
+                let beside = ask(squares, max(details[a], details[b]));
+                let wanted = wanted_segments(edge, beside);
+                factors.edges[e] = fixed_factor(wanted, edge.limit);
+                insides[e] = fixed_factor(wanted_segments(edge, inside), edge.limit);
+                let is_clamped = wanted > edge.limit && edge.limit >= terrain_view.max_factor;
                 clamped += u32(is_clamped);
             }
             factors.inside = max(insides.xy, insides.zw);

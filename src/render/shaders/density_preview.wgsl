@@ -8,7 +8,7 @@
 }
 
 // Four texels a word, row by row, a page after the other.
-@group(2) @binding(4) var<storage, read> density_pages: array<u32>;
+@group(2) @binding(5) var<storage, read> density_pages: array<u32>;
 
 const LOW: vec3<f32> = vec3(0.1, 0.6, 0.1);
 const HIGH: vec3<f32> = vec3(0.85, 0.1, 0.05);

@@ -15,6 +15,8 @@ struct FaceCounts {
     edge: array<u32, 4>,
     // 0 where the face is two triangles.
     inner: vec2<u32>,
+    // Which edges run from their first corner on, as bits; filled in by `set_directions`.
+    forward: u32,
 }
 
 // Where a vertex comes to stand: the point that its height is read at, the two vertices of the
@@ -216,6 +218,16 @@ fn runs_forward(a: vec2<i32>, b: vec2<i32>) -> bool {
     return d.y > 0;
 }
 
+// Fills in which way a face's edges run; only grids that reach the edges ask.
+fn set_directions(counts: FaceCounts, corners_in: array<vec2<i32>, 4>) -> FaceCounts {
+    var corners = corners_in;
+    var out = counts;
+    for (var e = 0u; e < 4u; e++) {
+        out.forward |= u32(runs_forward(corners[e], corners[(e + 1u) % 4u])) << e;
+    }
+    return out;
+}
+
 // Cut `index` of an edge between two corners of a face.
 fn edge_point(
     a: vec2<i32>,
@@ -275,8 +287,8 @@ fn rim_cut(counts_in: FaceCounts, at: vec2<u32>) -> vec2<u32> {
         return vec2(4u, 0u);
     }
     let count = counts.edge[e];
-    // Edges 2 and 3 run against their canonical direction.
-    let cut = select(count - (side - along) * count / side, along * count / side, e < 2u);
+    let forward = ((counts.forward >> e) & 1u) != 0u;
+    let cut = select(count - (side - along) * count / side, along * count / side, forward);
     return vec2(e, cut);
 }
 
@@ -344,6 +356,7 @@ fn face_vertex(
     if !is_nested() || odd.x + odd.y == 0u {
         return settled(point);
     }
+    counts = set_directions(counts, corners);
     let parents = array(
         nested_point(corners, factors, counts, at - odd),
         nested_point(corners, factors, counts, at + odd),

@@ -31,7 +31,13 @@ fn terrain_pbr_input(
 ) -> terrain_pbr_types::PbrInput {
     let world_from_eye = terrain_surface_module::terrain_draw.world_from_eye;
     var surface: terrain_surface_module::TerrainSurface;
-    let local_normal = terrain_surface_module::terrain_normal(in.plane_from_eye_m, in.lambda);
+    let across = fwidth(in.plane_from_eye_m);
+    let local_normal = terrain_surface_module::terrain_normal(
+        in.plane_from_eye_m,
+        in.lambda,
+        in.height_m,
+        max(across.x, across.y),
+    );
     surface.world_position = in.world_position;
     let plane = terrain_surface_module::terrain_draw.eye_local_m + in.plane_from_eye_m;
     surface.local_position = vec3(plane.x, in.height_m, plane.y);

@@ -3,12 +3,14 @@
 // What a fragment knows of the ground, and where it comes from. A game's own material receives
 // `TerrainSurface`; see `material.wgsl` for the default one.
 
-#import bevy_tessera::types::{TerrainDraw, TILE_BORDER, TILE_STORED, TILE_SAMPLES, PAGES_ACROSS, NO_PAGE}
+#import bevy_tessera::detail::{Detail, detail_fade, detail_noise, detail_weight}
+#import bevy_tessera::types::{ONE, TerrainDraw, TILE_BORDER, TILE_STORED, TILE_SAMPLES, PAGES_ACROSS, NO_PAGE}
 
 @group(2) @binding(0) var<uniform> terrain_draw: TerrainDraw;
 @group(2) @binding(1) var<storage, read> surface_page_table: array<u32>;
 @group(2) @binding(2) var gradient_pages: texture_2d_array<f32>;
 @group(2) @binding(3) var gradient_sampler: sampler;
+@group(2) @binding(4) var<uniform> surface_detail: Detail;
 
 // Eight numbers of four that a material may be given from Rust, `TerrainMaterial::parameters`.
 @group(3) @binding(0) var<uniform> material_parameters: array<vec4<f32>, 8>;
@@ -96,13 +98,45 @@ fn sample_place(plane_from_eye_m: vec2<f32>) -> vec2<f32> {
         + (terrain_draw.eye_sample_fraction + plane_from_eye_m / terrain_draw.spacing_m);
 }
 
-// Normal in the terrain's own frame, blended over two levels like the heights.
-fn terrain_normal(plane_from_eye_m: vec2<f32>, lambda: f32) -> vec3<f32> {
+// Slope of the detail at a place that has some, for a pixel that is `footprint_m` wide.
+fn surface_detail_gradient(
+    plane_from_eye_m: vec2<f32>,
+    height_m: f32,
+    stored: vec2<f32>,
+    footprint_m: f32,
+) -> vec2<f32> {
+    let from_eye = plane_from_eye_m / terrain_draw.unit_m + terrain_draw.eye_fraction;
+    let p = terrain_draw.eye_point + vec2<i32>(floor(from_eye));
+    let weight = detail_weight(surface_detail, height_m, stored);
+    let finest = i32(log2(max(footprint_m / terrain_draw.unit_m, 1e-3)) * f32(ONE));
+    var sum = vec2(0.0);
+    for (var i = 0u; i < min(surface_detail.octave_count, 8u); i++) {
+        let fade = detail_fade(surface_detail.octaves[i].cell_shift, finest);
+        if fade == 0.0 || weight == 0.0 {
+            break;
+        }
+        let noise = detail_noise(surface_detail.octaves[i], p);
+        sum += surface_detail.octaves[i].amplitude_m * fade * noise.yz;
+    }
+    return sum * (weight / surface_detail.unit_m);
+}
+
+// Normal in the terrain's own frame, blended over two levels like the heights; detail included, as far
+// as a pixel that is `footprint_m` wide can show it.
+fn terrain_normal(
+    plane_from_eye_m: vec2<f32>,
+    lambda: f32,
+    height_m: f32,
+    footprint_m: f32,
+) -> vec3<f32> {
     let place = sample_place(plane_from_eye_m);
     let level = surface_level(lambda);
     var gradient = level_gradient(place, level.fine);
     if level.blend > 0.0 {
         gradient = mix(gradient, level_gradient(place, level.coarse), level.blend);
+    }
+    if surface_detail.octave_count > 0u {
+        gradient += surface_detail_gradient(plane_from_eye_m, height_m, gradient, footprint_m);
     }
     return normalize(vec3(-gradient.x, 1.0, -gradient.y));
 }

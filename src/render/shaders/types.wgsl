@@ -84,6 +84,11 @@ struct TerrainView {
     px_per_m: f32,
     // The error that the screen-error policy allows; 0 under the policy of triangle widths.
     max_error_px: f32,
+    // Units of stored error bounds that make a metre.
+    error_units_per_m: f32,
+    unused_a: u32,
+    unused_b: u32,
+    unused_c: u32,
     // x: where the level begins to morph; y: its zone's length as a power of two.
     geometry: array<vec4<i32>, 24>,
     // x: the level's first entry in the page table; y, z: tiles across and down.

@@ -5,7 +5,7 @@
     terrain_view, nodes, face_factors, node_offsets, draw_args, mesh_vertices,
 }
 #import bevy_tessera::lattice::lambda_at
-#import bevy_tessera::height::height_m
+#import bevy_tessera::height::displaced_m
 #import bevy_tessera::face::{
     drawn_point, face_corners, face_counts, face_vertex, scaled_factors, unpack_factors,
 }
@@ -41,12 +41,12 @@ fn vertices(
         var vertex: TerrainVertex;
         vertex.point = drawn_point(own);
         vertex.lambda = lambda_at(vertex.point, node.level);
-        vertex.height_m = height_m(own.point, lambda_at(own.point, node.level));
+        vertex.height_m = displaced_m(own.point, node.level).x;
         if own.rise != ONE {
             var parents = own.parents;
             var between_m = 0.0;
             for (var k = 0u; k < 2u; k++) {
-                between_m += 0.5 * height_m(parents[k], lambda_at(parents[k], node.level));
+                between_m += 0.5 * displaced_m(parents[k], node.level).x;
             }
             let rise = f32(own.rise) / f32(ONE);
             vertex.height_m = between_m + (vertex.height_m - between_m) * rise;

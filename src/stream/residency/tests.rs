@@ -1,7 +1,7 @@
 use super::*;
 use crate::lattice::LodSettings;
-use crate::stream::{Planner, test_manifest_file};
-use crate::terrain::ManifestFile;
+use crate::stream::Planner;
+use crate::terrain::{ManifestFile, test_manifest_file};
 use crate::tile::{TileIndex, TileRange};
 use proptest::prelude::*;
 use std::collections::HashSet;

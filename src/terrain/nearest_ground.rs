@@ -1,8 +1,7 @@
 //! How far the eye is from the nearest ground.
 
+use super::TerrainManifest;
 use crate::lattice::{Lattice, NodeBounds};
-use crate::stream::tile_bounds;
-use crate::terrain::TerrainManifest;
 use crate::tile::{TileAddress, TileRange};
 use glam::IVec2;
 
@@ -94,6 +93,21 @@ impl GroundQuery<'_> {
     }
 }
 
+/// The part of a tile's square that lies on the terrain.
+pub(crate) fn tile_bounds(lattice: &Lattice, address: TileAddress) -> Option<NodeBounds> {
+    let size = i64::from(lattice.node_size(i32::from(address.level)));
+    let low = [address.x, address.z].map(|at| i64::from(at) * size);
+    let extent = [lattice.extent.x, lattice.extent.y].map(i64::from);
+    if low[0] >= extent[0] || low[1] >= extent[1] {
+        return None;
+    }
+    // Below the extent, so within 31 bits.
+    let low = IVec2::new(low[0] as i32, low[1] as i32);
+    let room = lattice.extent - low;
+    let high = low + room.min(IVec2::splat(size as i32));
+    Some(NodeBounds { low, high })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -130,7 +144,7 @@ mod tests {
 
     /// A terrain whose leaves have random ranges, some of whose tiles are not stored.
     fn terrain(size: [u32; 2], seed: &[(u16, u16, u8)]) -> TerrainManifest {
-        let file = crate::stream::test_manifest_file(size);
+        let file = crate::terrain::test_manifest_file(size);
         let mut index = TileIndex::new(&file);
         let mut draws = seed.iter().cycle();
         for level in 0..file.levels {

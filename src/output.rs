@@ -1,0 +1,97 @@
+//! Files that are written as a whole or not at all.
+
+use crate::terrain::{INDEX_FILE, MANIFEST_FILE};
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Why nothing may be written at a path.
+pub(crate) enum PlaceFault {
+    /// It names a folder, or nothing (`/`, `..`).
+    Folder,
+    /// The folder in which it lies isn't there.
+    Parent(PathBuf),
+    /// It is a part of a terrain, or no regular file; says which.
+    Other(&'static str),
+}
+
+/// Where a file is to be written.
+pub(crate) struct Place {
+    /// The folder in which it lies.
+    pub folder: PathBuf,
+    /// Of the file that stands there already.
+    pub metadata: Option<Metadata>,
+}
+
+/// Whether a file may be put at `out`, as far as that doesn't depend on what kind of file it is.
+pub(crate) fn check_place(out: &Path) -> Result<Place, PlaceFault> {
+    if out.file_name().is_none() {
+        return Err(PlaceFault::Folder);
+    }
+    let folder = match out.parent() {
+        Some(parent) if parent != Path::new("") => parent.to_owned(),
+        _ => PathBuf::from("."),
+    };
+    if !folder.is_dir() {
+        return Err(PlaceFault::Parent(folder));
+    }
+    let metadata = fs::metadata(out).ok();
+    if let Some(metadata) = &metadata {
+        if metadata.is_dir() {
+            return Err(PlaceFault::Folder);
+        }
+        if !metadata.is_file() {
+            return Err(PlaceFault::Other("no regular file"));
+        }
+        let named = |name: &str| out.ends_with(name);
+        let of_terrain = [MANIFEST_FILE, INDEX_FILE].into_iter().any(named)
+            || out.extension().is_some_and(|extension| extension == "tile");
+        if of_terrain {
+            return Err(PlaceFault::Other("a part of a terrain"));
+        }
+    }
+    Ok(Place { folder, metadata })
+}
+
+/// A file being written under another name. Dropped before it is published, it is removed.
+pub(crate) struct PartialFile {
+    path: PathBuf,
+    published: bool,
+}
+
+impl PartialFile {
+    /// A new file in `folder` whose name says `what` it is to become.
+    pub(crate) fn create(folder: &Path, what: &str) -> io::Result<(Self, File)> {
+        static FILES: AtomicU32 = AtomicU32::new(0);
+        let number = FILES.fetch_add(1, Ordering::Relaxed);
+        let process = std::process::id();
+        let path = folder.join(format!(".tessera-{what}-{process}-{number}.partial"));
+        // Only a process that was killed can have left it, since this one has the number now.
+        let _ = fs::remove_file(&path);
+        let file = OpenOptions::new()
+            .write(true)
+            .create_new(true)
+            .open(&path)?;
+        let published = false;
+        Ok((Self { path, published }, file))
+    }
+
+    /// Brings `file` to the disk and puts it at `out`, in place of what stood there.
+    pub(crate) fn publish(mut self, file: File, out: &Path) -> io::Result<()> {
+        file.sync_all()?;
+        // Not every system renames what is open.
+        drop(file);
+        fs::rename(&self.path, out)?;
+        self.published = true;
+        Ok(())
+    }
+}
+
+impl Drop for PartialFile {
+    fn drop(&mut self) {
+        if !self.published {
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
