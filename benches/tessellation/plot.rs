@@ -41,6 +41,8 @@ const fn look(method: Method) -> (Rgb888, Marker) {
         Method::Policy(Policy::Uniform) => (Rgb888::new(0, 114, 178), Marker::Disc),
         Method::Policy(Policy::UniformEven) => (Rgb888::new(230, 159, 0), Marker::Disc),
         Method::Policy(Policy::Density) => (Rgb888::new(213, 94, 0), Marker::Disc),
+        Method::Policy(Policy::ScreenError) => (Rgb888::new(0, 0, 0), Marker::Square),
+        Method::Policy(Policy::ScreenErrorEven) => (Rgb888::new(120, 120, 120), Marker::Square),
         Method::Policy(Policy::Cdlod) => (Rgb888::new(204, 121, 167), Marker::Square),
         Method::Bintree => (Rgb888::new(86, 180, 233), Marker::Peak),
         Method::Greedy => (Rgb888::new(0, 158, 115), Marker::Peak),

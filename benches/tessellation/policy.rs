@@ -18,6 +18,8 @@ pub struct Setup {
     /// No edge is cut into shorter segments; the distance of two samples unless set.
     pub min_triangle_m: Option<f64>,
     pub focal_px: f64,
+    /// The error that may be left, in pixels; 0 where widths decide.
+    pub max_error_px: f64,
 }
 
 /// A picture 1200 pixels high, as both references have it, with Bevy's 45 degrees.
@@ -37,6 +39,7 @@ impl Default for Setup {
             partitioning: Partitioning::FractionalOdd,
             min_triangle_m: None,
             focal_px: crate::ground::focal_px(PICTURE_HEIGHT_PX, VIEW_ANGLE_DEG),
+            max_error_px: 0.0,
         }
     }
 }
@@ -74,8 +77,8 @@ impl Setup {
             density_strength: self.density_strength,
             focal_px: self.focal_px as f32,
             px_per_m: 0.0,
-            max_error_px: 0.0,
-            error_units_per_m: 6400.0,
+            max_error_px: self.max_error_px as f32,
+            error_units_per_m: (64.0 / file.height_step_m) as f32,
         };
         let mut nodes: Vec<Node> = Vec::new();
         lod.select(&lattice, &mut |_, _| true, &mut |node| nodes.push(node));
@@ -133,18 +136,31 @@ pub enum Policy {
     UniformEven,
     /// That width scaled by the density map (Cervin 2012).
     Density,
+    /// As few as keep the error below a bound.
+    ScreenError,
+    /// The same with an even number of segments.
+    ScreenErrorEven,
     /// No tessellation: a node's faces as they are, more or fewer by the levels' reach.
     Cdlod,
 }
 
 impl Policy {
-    pub const ALL: [Self; 4] = [Self::Uniform, Self::UniformEven, Self::Density, Self::Cdlod];
+    pub const ALL: [Self; 6] = [
+        Self::Uniform,
+        Self::UniformEven,
+        Self::Density,
+        Self::ScreenError,
+        Self::ScreenErrorEven,
+        Self::Cdlod,
+    ];
 
     pub const fn name(self) -> &'static str {
         match self {
             Self::Uniform => "uniform",
             Self::UniformEven => "uniform, even",
             Self::Density => "density map",
+            Self::ScreenError => "screen error",
+            Self::ScreenErrorEven => "screen error, even",
             Self::Cdlod => "CDLOD",
         }
     }
@@ -153,6 +169,7 @@ impl Policy {
     pub const fn unit(self) -> &'static str {
         match self {
             Self::Uniform | Self::UniformEven | Self::Density => "px wide",
+            Self::ScreenError | Self::ScreenErrorEven => "px allowed",
             Self::Cdlod => "reach",
         }
     }
@@ -162,6 +179,9 @@ impl Policy {
         match self {
             // Beyond 12 pixels nobody would play, but the curves go on to where others begin.
             Self::Uniform | Self::UniformEven => {
+                &[1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0]
+            }
+            Self::ScreenError | Self::ScreenErrorEven => {
                 &[1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0]
             }
             Self::Density => &[1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0],
@@ -185,6 +205,16 @@ impl Policy {
                 triangle_width_px: step,
                 density_strength: 1.0,
                 ..default
+            },
+            Self::ScreenError => Setup {
+                max_error_px: step,
+                min_triangle_m: Some(f64::from(f32::MIN_POSITIVE)),
+                faces_per_side: 4,
+                ..default
+            },
+            Self::ScreenErrorEven => Setup {
+                partitioning: Partitioning::FractionalEven,
+                ..Self::ScreenError.setup(step)
             },
             Self::Cdlod => Setup {
                 reach: step as f32,

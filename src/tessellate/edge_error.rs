@@ -77,12 +77,10 @@ impl<S: PageSource> DensityReader<'_, S> {
         }
     }
 
-    /// The level that errors of faces of `level` are read from.
+    /// The level that errors of faces of `level` are read from: never a finer one than is drawn, and
+    /// while faces morph, the next one is too.
     fn error_level(&self, level: i32) -> u32 {
-        // Texels half as long as a face, but never of a finer level than one that is drawn: while
-        // faces morph, the next one is too.
-        let half = level + 4 - self.lattice.faces_log2.cast_signed();
-        half.max(level + 1)
+        (level + 1)
             .clamp(0, self.lattice.root_level)
             .cast_unsigned()
     }

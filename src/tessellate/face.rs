@@ -6,16 +6,19 @@ use super::{Partitioning, scaled_factor, segment_count, segment_parameter};
 use crate::lattice::{ONE, lerp};
 use glam::IVec2;
 
-/// Whether the edge between `a` and `b` runs from `a` to `b`: along the axis on which they lie
-/// further apart, so that the direction doesn't turn while the ends morph. Both faces beside an edge,
-/// of whatever level, agree.
+/// Whether edge `e` of a face is cut from its first corner on: all edges are cut the way that their
+/// axis rises, so that the faces on both sides, of whatever levels, agree.
+const fn runs_forward(e: usize) -> bool {
+    e < 2
+}
+
+/// The ends of edge `e` of a face in the order that it is cut in: counted around the face.
 #[must_use]
-pub fn runs_forward(a: IVec2, b: IVec2) -> bool {
-    let d = b - a;
-    if d.x.abs() >= d.y.abs() {
-        d.x > 0 || (d.x == 0 && d.y >= 0)
+pub const fn edge_ends(e: usize) -> [usize; 2] {
+    if runs_forward(e) {
+        [e, e + 1]
     } else {
-        d.y > 0
+        [(e + 1) % 4, e]
     }
 }
 
@@ -98,8 +101,6 @@ pub struct FaceCounts {
     /// Whether the inner grid reaches the edges and takes their vertices for its own outermost ones
     /// ([`Partitioning::PowerOfTwoMorph`]).
     pub nested: bool,
-    /// Which edges run from their first corner on, see [`runs_forward`].
-    pub forward: [bool; 4],
 }
 
 impl FaceCounts {
@@ -156,21 +157,14 @@ impl Face {
             edge,
             inner,
             nested: self.partitioning == Partitioning::PowerOfTwoMorph,
-            forward: std::array::from_fn(|e| {
-                runs_forward(self.corners[e], self.corners[(e + 1) % 4])
-            }),
         }
     }
 
     /// Cut `i` of edge `e`, from corner `e` on. The edge is cut in canonical direction, so the
     /// face on its other side gets the same points.
     fn edge_point(&self, e: usize, count: u32, i: u32) -> IVec2 {
-        let (a, b) = (self.corners[e], self.corners[(e + 1) % 4]);
-        let (low, high, i) = if runs_forward(a, b) {
-            (a, b, i)
-        } else {
-            (b, a, count - i)
-        };
+        let [low, high] = edge_ends(e).map(|corner| self.corners[corner]);
+        let i = if runs_forward(e) { i } else { count - i };
         let t = segment_parameter(self.partitioning, self.factors.edges[e], count, i);
         lerp(low, high, t)
     }
@@ -311,7 +305,7 @@ impl FaceCounts {
             return None;
         };
         let count = self.edge[e];
-        let cut = if self.forward[e] {
+        let cut = if runs_forward(e) {
             along * count / side
         } else {
             count - (side - along) * count / side

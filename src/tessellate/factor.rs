@@ -1,7 +1,6 @@
 //! How finely an edge is cut: the projected size of the sphere around it.
 
 use super::edge_error::{GroundErrors, LevelErrors, error_spacing};
-use super::face::runs_forward;
 use super::{DENSITY_ONE, FACTOR_MAX, FACTOR_ONE};
 use crate::lattice::ONE;
 use glam::{IVec2, Vec2, Vec3};
@@ -73,14 +72,10 @@ impl FactorView {
     ///
     /// The diameter of the sphere around the displaced edge, projected, over the triangle width
     /// (Cantlay 2011, figure 7: a projected edge would vanish at grazing views, a sphere doesn't).
-    /// Depends on the two ends alone, in canonical order.
+    /// Depends on the two ends alone, in the order that
+    /// the edge is [cut in](super::edge_ends).
     #[must_use]
     pub fn project(&self, a: EdgeEnd, b: EdgeEnd) -> ProjectedEdge {
-        let (a, b) = if runs_forward(a.point, b.point) {
-            (a, b)
-        } else {
-            (b, a)
-        };
         let span = (b.point - a.point).as_vec2() * self.unit_m;
         let length_m = span.length();
         let diameter_m = (span.length_squared() + (b.height_m - a.height_m).powi(2)).sqrt();

@@ -3,7 +3,7 @@
 use super::height::height;
 use super::{
     DENSITY_ONE, DensityReader, EdgeEnd, FACTOR_SCALES, Face, FaceFactors, FaceVertex, FactorView,
-    GroundErrors, LocalVolume, PageSource, Partitioning, ProjectedEdge,
+    GroundErrors, LocalVolume, PageSource, Partitioning, ProjectedEdge, edge_ends,
 };
 use crate::detail::{DETAIL_SLOPE, DetailKernel};
 use crate::lattice::{Lattice, Node, ONE, ResidencyField, ViewLod};
@@ -190,7 +190,10 @@ impl<S: PageSource> ViewMesh<'_, S> {
         };
         let ij = self.place(face);
         let view = self.factor_view;
-        let projected = [0, 1, 2, 3].map(|e| view.project(ends[e], ends[(e + 1) % 4]));
+        let projected = [0, 1, 2, 3].map(|e| {
+            let [a, b] = edge_ends(e).map(|corner| ends[corner]);
+            view.project(a, b)
+        });
         let around = |e: usize| (ij + AROUND[e], ij + AROUND[(e + 1) % 4]);
         let (edges, inside) = if view.max_error_px > 0.0 {
             let sample_m = view.unit_m * (1_u32 << self.lattice.unit_log2) as f32;

@@ -22,7 +22,7 @@ mod volume;
 
 pub use edge_density::{DENSITY_ONE, DensityReader};
 pub use edge_error::{ErrorBounds, GroundErrors, LevelErrors, error_spacing};
-pub use face::{Face, FaceCounts, FaceFactors, FaceVertex, runs_forward};
+pub use face::{Face, FaceCounts, FaceFactors, FaceVertex, edge_ends};
 pub use factor::{EdgeEnd, FactorView, ProjectedEdge};
 pub use height::{PageSource, Pages};
 pub use mesh::{FaceCulling, TerrainMesh, TerrainVertex, ViewMesh};

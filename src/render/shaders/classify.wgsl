@@ -13,8 +13,8 @@
 #import bevy_tessera::edge_density::{Squares, edge_squares, face_squares, squares_density}
 #import bevy_tessera::edge_error::{error_level, error_spacing, square_errors}
 #import bevy_tessera::face::{
-    FaceFactors, face_corners, face_place, face_places_around, face_totals, pack_factors,
-    runs_forward, scaled_factors,
+    FaceFactors, edge_ends, face_corners, face_place, face_places_around, face_totals, pack_factors,
+    scaled_factors,
 }
 
 var<workgroup> vertex_totals: array<atomic<u32>, 7>;
@@ -200,9 +200,9 @@ fn classify(
             var clamped = 0u;
             for (var e = 0u; e < 4u; e++) {
                 let next = (e + 1u) % 4u;
-                let forward = runs_forward(corners[e], corners[next]);
-                let a = select(next, e, forward);
-                let b = select(e, next, forward);
+                let ends = edge_ends(e);
+                let a = ends.x;
+                let b = ends.y;
                 let edge = project_edge(corners[a], heights[a], corners[b], heights[b]);
                 let squares = edge_squares(node.level, node.origin, places[e], places[next]);
                 let beside = ask(squares, max(details[a], details[b]));

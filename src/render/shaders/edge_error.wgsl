@@ -48,12 +48,10 @@ fn blended_errors(fine_in: array<u32, 7>, coarse_in: array<u32, 7>, part: u32) -
     return fine;
 }
 
-// The level that errors of faces of `level` are read from, and whose samples they count in.
+// The level that errors of faces of `level` are read from, and whose samples they count in: never a
+// finer one than is drawn, and while faces morph, the next one is too.
 fn error_level(level: i32) -> u32 {
-    // Texels half as long as a face, but never of a finer level than one that is drawn: while faces
-    // morph, the next one is too.
-    let half = level + 4 - i32(terrain_view.faces_shift);
-    return u32(clamp(max(half, level + 1), 0, terrain_view.root_level));
+    return u32(clamp(level + 1, 0, terrain_view.root_level));
 }
 
 fn level_errors(p: vec2<i32>, level: u32) -> array<u32, 7> {

@@ -15,8 +15,6 @@ struct FaceCounts {
     edge: array<u32, 4>,
     // 0 where the face is two triangles.
     inner: vec2<u32>,
-    // Which edges run from their first corner on, as bits; filled in by `set_directions`.
-    forward: u32,
 }
 
 // Where a vertex comes to stand: the point that its height is read at, the two vertices of the
@@ -209,39 +207,24 @@ fn face_triangles(counts: FaceCounts) -> u32 {
     return 2u * grid.x * grid.y + edge_total(counts) + 2u * (grid.x + grid.y);
 }
 
-// Whether the edge between two points runs from `a` to `b`.
-fn runs_forward(a: vec2<i32>, b: vec2<i32>) -> bool {
-    let d = b - a;
-    if abs(d.x) >= abs(d.y) {
-        return d.x > 0 || (d.x == 0 && d.y >= 0);
-    }
-    return d.y > 0;
+// The ends of edge `e` of a face in the order that it is cut in, counted around the face: all edges are
+// cut the way that their axis rises, so that the faces on both sides agree.
+fn edge_ends(e: u32) -> vec2<u32> {
+    return select(vec2((e + 1u) % 4u, e), vec2(e, e + 1u), e < 2u);
 }
 
-// Fills in which way a face's edges run; only grids that reach the edges ask.
-fn set_directions(counts: FaceCounts, corners_in: array<vec2<i32>, 4>) -> FaceCounts {
-    var corners = corners_in;
-    var out = counts;
-    for (var e = 0u; e < 4u; e++) {
-        out.forward |= u32(runs_forward(corners[e], corners[(e + 1u) % 4u])) << e;
-    }
-    return out;
-}
-
-// Cut `index` of an edge between two corners of a face.
+// Cut `index` of edge `e`, from corner `e` on.
 fn edge_point(
-    a: vec2<i32>,
-    b: vec2<i32>,
+    corners_in: array<vec2<i32>, 4>,
+    e: u32,
     factor: u32,
     count: u32,
     index: u32,
 ) -> vec2<i32> {
-    // The edge is cut in canonical direction, so both faces beside it get the same points.
-    let forward = runs_forward(a, b);
-    let low = select(b, a, forward);
-    let high = select(a, b, forward);
-    let cut = select(count - index, index, forward);
-    return lerp_point(low, high, segment_parameter(factor, count, cut));
+    var corners = corners_in;
+    let ends = edge_ends(e);
+    let cut = select(count - index, index, e < 2u);
+    return lerp_point(corners[ends.x], corners[ends.y], segment_parameter(factor, count, cut));
 }
 
 // Place `at` of the inner grid.
@@ -287,8 +270,7 @@ fn rim_cut(counts_in: FaceCounts, at: vec2<u32>) -> vec2<u32> {
         return vec2(4u, 0u);
     }
     let count = counts.edge[e];
-    let forward = ((counts.forward >> e) & 1u) != 0u;
-    let cut = select(count - (side - along) * count / side, along * count / side, forward);
+    let cut = select(count - (side - along) * count / side, along * count / side, e < 2u);
     return vec2(e, cut);
 }
 
@@ -306,7 +288,7 @@ fn nested_point(
         return grid_point(corners, factors, counts, at);
     }
     let e = rim.x;
-    return edge_point(corners[e], corners[(e + 1u) % 4u], factors.edges[e], counts.edge[e], rim.y);
+    return edge_point(corners, e, factors.edges[e], counts.edge[e], rim.y);
 }
 
 // The number of the vertex at a place of a grid that reaches the edges.
@@ -343,9 +325,7 @@ fn face_vertex(
     for (var e = 0u; e < 4u; e++) {
         let count = counts.edge[e];
         if rest < count {
-            return settled(
-                edge_point(corners[e], corners[(e + 1u) % 4u], factors.edges[e], count, rest),
-            );
+            return settled(edge_point(corners, e, factors.edges[e], count, rest));
         }
         rest -= count;
     }
@@ -356,7 +336,6 @@ fn face_vertex(
     if !is_nested() || odd.x + odd.y == 0u {
         return settled(point);
     }
-    counts = set_directions(counts, corners);
     let parents = array(
         nested_point(corners, factors, counts, at - odd),
         nested_point(corners, factors, counts, at + odd),

@@ -1,12 +1,9 @@
 // Pass 4: the triangles, each found from its number alone.
 
 #import bevy_tessera::bindings::{
-    terrain_view, nodes, face_factors, node_offsets, draw_args, mesh_indices,
+    terrain_view, face_factors, node_offsets, draw_args, mesh_indices,
 }
-#import bevy_tessera::face::{
-    face_corners, face_counts, face_triangle, is_nested, scaled_factors, set_directions,
-    unpack_factors,
-}
+#import bevy_tessera::face::{face_counts, face_triangle, scaled_factors, unpack_factors}
 #import bevy_tessera::scan::{LANES, face_places, faces_a_node, scan_faces, face_at}
 
 @compute @workgroup_size(256)
@@ -21,7 +18,6 @@ fn indices(
     }
     let total = scan_faces(node_index, lane).y;
     let first = node_offsets[node_index];
-    let node = nodes[node_index];
     for (
         var place = workgroup.z * LANES + lane;
         place < total;
@@ -32,10 +28,7 @@ fn indices(
             unpack_factors(face_factors[node_index * faces_a_node() + face]),
             draw_args.scale,
         );
-        var counts = face_counts(factors);
-        if is_nested() {
-            counts = set_directions(counts, face_corners(node, face));
-        }
+        let counts = face_counts(factors);
         let triangle = face_triangle(counts, place - face_places[face].y);
         let base = first.x + face_places[face].x;
         let at = 3u * (first.y + place);
