@@ -19,8 +19,9 @@ use bevy::pbr::{AtmosphereSettings, DistanceFog, FogFalloff};
 use bevy::prelude::*;
 use bevy::render::renderer::RenderAdapterInfo;
 use bevy_tessera::TerrainPlugins;
+use bevy_tessera::detail::{DetailRule, TerrainDetail};
 use bevy_tessera::render::TerrainDensityPreview;
-use bevy_tessera::terrain::{Terrain, TerrainCamera};
+use bevy_tessera::terrain::{Terrain, TerrainCamera, TerrainSettings, TessellationPolicy};
 
 /// Where the sun's light comes from.
 const SUN: Vec3 = Vec3::new(-1.0, 0.42, 0.35);
@@ -40,13 +41,36 @@ fn setup(
     arguments: Res<kit::Arguments>,
 ) {
     let mut terrain = commands.spawn(Terrain::new(assets.load(terrain.0.clone())));
+    if let Some(amplitude_m) = arguments.detail_m {
+        terrain.insert((
+            TerrainDetail {
+                amplitude_m,
+                wavelength_m: 16.0 * amplitude_m,
+                octaves: 8,
+                rule: DetailRule::Everywhere,
+                ..default()
+            },
+            // Nodes finer than the finest tiles, for the ground at the eye's feet.
+            TerrainSettings {
+                leaf_level: -5,
+                ..default()
+            },
+        ));
+    }
     if let Some(gain) = arguments.density_gain {
         let mut preview = TerrainDensityPreview::default();
         preview.settings.gain = gain;
         terrain.insert(preview);
     }
+    let mut camera = TerrainCamera::default();
+    if let Some(max_px) = arguments.max_error_px {
+        camera.policy = TessellationPolicy::ScreenError { max_px };
+    }
+    if let Some(width_px) = arguments.triangle_px {
+        camera.triangle_width_px = width_px;
+    }
     commands.spawn((
-        TerrainCamera::default(),
+        camera,
         FreeCamera {
             walk_speed: 200.0,
             run_speed: 1500.0,

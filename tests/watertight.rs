@@ -264,17 +264,22 @@ fn the_last_point_of_a_terrain_lies_on_its_rim() {
 #[cfg(feature = "examples")]
 mod on_the_gpu {
     use super::common::gpu::Kernels;
-    use super::common::manifold;
     use super::common::random::Random;
+    use super::common::{self, manifold};
     use bevy::prelude::*;
-    use bevy_tessera::terrain::{TerrainCamera, TerrainSettings, TerrainSystems};
+    use bevy_tessera::bake::{BakeSettings, MemorySource, bake};
+    use bevy_tessera::terrain::{
+        TerrainCamera, TerrainSettings, TerrainSystems, TessellationPolicy,
+    };
     use bevy_tessera::tessellate::Partitioning;
     use bevy_tessera::view::TerrainViews;
+    use std::path::Path;
 
     const EYES: usize = 200;
 
-    #[test]
-    fn the_kernels_are_watertight_from_two_hundred_eyes_over_a_real_terrain() {
+    /// The kernels' mesh from so many eyes: on level boundaries, over tile corners, far outside and
+    /// anywhere, with every partitioning under every policy.
+    fn watertight_from_two_hundred_eyes(assets: &Path, spacing_m: f32, seed: u64) {
         let settings = TerrainSettings {
             // Small nodes, so that several levels meet on a terrain of a thousand samples.
             leaf_level: -2,
@@ -283,20 +288,36 @@ mod on_the_gpu {
             page_capacity: 90,
             ..default()
         };
-        let mut kernels = Kernels::start(settings, UVec2::new(96, 64));
-        let mut random = Random(5);
+        let mut kernels = Kernels::start_on(assets, settings, UVec2::new(96, 64));
+        let file = kernels.state().manifest().file.clone();
+        let size = Vec2::new(file.size[0] as f32, file.size[1] as f32) * spacing_m;
+        let tile = 128.0 * spacing_m;
+        let mut random = Random(seed);
         let mut deep = 0;
         for n in 0..EYES {
-            let place = Vec3::new(
-                random.unit() * 33e3 - 1.5e3,
-                150.0 + random.unit().powi(4) * 5000.0,
-                random.unit() * 35e3 - 1.5e3,
-            );
+            let anywhere = Vec2::new(random.unit() * 1.1 - 0.05, random.unit() * 1.1 - 0.05) * size;
+            let plane = match n % 8 {
+                // Over a tile's corner.
+                0 => (anywhere / tile).round() * tile,
+                // Where a level ends: so many nodes of it away from a tile's corner.
+                1 => (anywhere / tile).round() * tile + random.pick(&[1.0, 2.0, 4.0]) * tile,
+                2 => anywhere + 20.0 * size,
+                _ => anywhere,
+            };
+            let above = (5.0 + random.unit().powi(4) * 160.0) * spacing_m;
+            let place = Vec3::new(plane.x, file.height_m(20_000) as f32 + above, plane.y);
             let towards = Vec3::new(random.unit() - 0.5, -0.3, random.unit() - 0.5);
             let camera = TerrainCamera {
                 partitioning: Partitioning::ALL[n % Partitioning::ALL.len()],
+                policy: match n % 4 {
+                    0 | 1 => TessellationPolicy::TriangleWidth,
+                    _ => TessellationPolicy::ScreenError {
+                        max_px: random.pick(&[0.5, 2.0, 8.0]),
+                    },
+                },
                 triangle_width_px: random.pick(&[2.0, 4.0, 8.0]),
                 faces_per_side: 4,
+                max_vertices: 1 << 19,
                 ..default()
             };
             let eye = Transform::from_translation(place).looking_to(towards, Vec3::Y);
@@ -317,6 +338,46 @@ mod on_the_gpu {
             deep * 2 > EYES,
             "only {deep} of {EYES} views had three levels in view"
         );
+    }
+
+    #[test]
+    fn the_kernels_are_watertight_from_two_hundred_eyes_over_a_real_terrain() {
+        watertight_from_two_hundred_eyes(common::gpu::bundled(), 30.0, 5);
+    }
+
+    /// Bakes ground that a function makes, under the name that the kernels' stage looks for.
+    fn baked(height_m: impl Fn(f32, f32) -> f32, size: u32, spacing_m: f64) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        let heights = (0..size * size)
+            .map(|at| height_m((at % size) as f32, (at / size) as f32))
+            .collect();
+        let settings = BakeSettings {
+            spacing_m: Some(spacing_m),
+            ..Default::default()
+        };
+        let mut source = MemorySource::new([size, size], heights).unwrap();
+        bake(
+            &mut source,
+            &folder.path().join("jacksboro"),
+            &settings,
+            &(),
+        )
+        .unwrap();
+        folder
+    }
+
+    #[test]
+    fn the_kernels_are_watertight_from_two_hundred_eyes_over_cliffs() {
+        let steps = |x: f32, z: f32| 60.0 * ((x + 0.4 * z) / 37.0).floor().rem_euclid(3.0);
+        let folder = baked(steps, 900, 1.0);
+        watertight_from_two_hundred_eyes(folder.path(), 1.0, 6);
+    }
+
+    #[test]
+    fn the_kernels_are_watertight_from_two_hundred_eyes_over_hills() {
+        let hills = |x: f32, z: f32| 90.0 * (x / 61.0).sin() * (z / 47.0).cos() + 0.1 * x;
+        let folder = baked(hills, 1025, 2.0);
+        watertight_from_two_hundred_eyes(folder.path(), 2.0, 7);
     }
 
     #[test]

@@ -16,6 +16,10 @@ Options:
   --atmosphere           Bevy's atmosphere on a software renderer too (slow; crashes old Mesa)
   --density-preview      cover the ground with its densities: green low, red high (open_world)
   --density-gain X       the same, with this gain (default 1)
+  --triangle-px X        width of triangles where the ground is roughest (open_world)
+  --max-error-px X       as few triangles as keep the error below this, in place of that width
+                         (open_world)
+  --detail M             displacement of up to M metres finer than the samples (open_world)
   --help                 this text";
 
 /// What the command line says.
@@ -31,6 +35,10 @@ pub struct Arguments {
     pub atmosphere: bool,
     /// The gain of the preview of densities, where one is wanted.
     pub density_gain: Option<f32>,
+    pub triangle_px: Option<f32>,
+    pub max_error_px: Option<f32>,
+    /// How high detail displacement is, in metres.
+    pub detail_m: Option<f32>,
 }
 
 impl Arguments {
@@ -97,6 +105,9 @@ impl Arguments {
                     settings.validate().map_err(|error| error.to_string())?;
                     arguments.density_gain = Some(gain);
                 }
+                "--triangle-px" => arguments.triangle_px = Some(number(&word, &value()?)?),
+                "--max-error-px" => arguments.max_error_px = Some(number(&word, &value()?)?),
+                "--detail" => arguments.detail_m = Some(number(&word, &value()?)?),
                 "--help" | "-h" => return Ok(None),
                 _ => return Err(format!("{word} is no option")),
             }

@@ -10,7 +10,7 @@ use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_tessera::stream::TerrainState;
-use bevy_tessera::terrain::Terrain;
+use bevy_tessera::terrain::{Terrain, TerrainFailed};
 use std::time::{Duration, Instant};
 
 /// Longer than this nobody waits for a terrain to stream in; the picture shows what there is.
@@ -56,7 +56,13 @@ pub(super) fn app(arguments: Arguments) -> App {
     app.insert_resource(arguments);
     app.add_systems(PostStartup, (place_cameras, aim_cameras));
     app.add_systems(Last, finish);
+    app.add_observer(give_up);
     app
+}
+
+/// There will be no picture: the log has said why.
+fn give_up(_failed: On<TerrainFailed>, mut exit: MessageWriter<AppExit>) {
+    exit.write(AppExit::error());
 }
 
 /// Cameras draw into the picture.

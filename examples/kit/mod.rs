@@ -11,6 +11,7 @@ use bevy::render::RenderPlugin;
 use bevy::render::renderer::RenderAdapterInfo;
 use bevy_tessera::bake::import::{self, ImportSettings};
 use bevy_tessera::bake::{BakeSettings, bake};
+use bevy_tessera::terrain::TerrainManifest;
 use std::path::{Path, PathBuf};
 
 /// Bevy with its default plugins, in a window or headless, as the arguments say; the asset folder
@@ -95,7 +96,8 @@ fn terrain(arguments: &Arguments) -> (String, String) {
     }
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets");
     let folder = assets.join("terrains/jacksboro");
-    if !folder.join("terrain.ron").exists()
+    // One that another version of the crate baked is baked again.
+    if TerrainManifest::read(&folder).is_err()
         && let Err(error) = bake_bundled(&assets, &folder)
     {
         eprintln!("{error}");
@@ -124,6 +126,7 @@ pub fn bake_bundled(assets: &Path, folder: &Path) -> Result<(), Box<dyn std::err
     };
     let settings = BakeSettings {
         spacing_m: Some(30.0),
+        force: true,
         ..Default::default()
     };
     let mut source = import::open(&source, &import_settings)?;
