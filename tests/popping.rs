@@ -62,24 +62,40 @@ fn check(world: &World, stretches: &[Stretch]) {
 }
 
 #[test]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes with overflow checks; release has it"
+)]
 fn the_bundled_terrain_moves_by_less_than_a_quarter_of_a_pixel_a_step() {
     let world = World::bundled();
     check(&world, &world.stretches(60));
 }
 
 #[test]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes with overflow checks; release has it"
+)]
 fn hills_of_a_sample_a_metre_move_by_less_than_a_quarter_of_a_pixel_a_step() {
     let world = World::hills();
     check(&world, &world.stretches(60));
 }
 
 #[test]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes with overflow checks; release has it"
+)]
 fn rocks_of_a_sample_a_metre_move_by_less_than_a_quarter_of_a_pixel_a_step() {
     let world = World::rough();
     check(&world, &world.stretches(60));
 }
 
 #[test]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes with overflow checks; release has it"
+)]
 fn a_survey_of_a_sample_a_metre_moves_by_less_than_a_quarter_of_a_pixel_a_step() {
     if let Some(world) = World::lidar() {
         check(&world, &world.stretches(60));

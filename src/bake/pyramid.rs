@@ -14,6 +14,7 @@ use crate::tile::{
 use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 /// Rows of a level that something still needs: the newest, and some before.
 pub(super) struct Rows<T> {
@@ -100,6 +101,8 @@ pub(super) struct Pyramid {
     dir: PathBuf,
     bytes: u64,
     sections: Sections,
+    /// What error bounds are made in, one for each thread that ever made some.
+    scratches: Mutex<Vec<ErrorScratch>>,
 }
 
 impl Pyramid {
@@ -125,6 +128,7 @@ impl Pyramid {
             dir: dir.to_owned(),
             bytes: 0,
             sections,
+            scratches: Mutex::default(),
         }
     }
 
@@ -306,11 +310,21 @@ impl Pyramid {
     fn make_errors(&mut self, ready: &[TileAddress]) -> Vec<ErrorTile> {
         let mut errors: Vec<ErrorTile> = ready
             .par_iter()
-            .map_init(ErrorScratch::default, |scratch, address| {
+            .map(|address| {
+                // Memory is kept from one row of tiles to the next: allocated for each of the parts that
+                // a row is split into, it costs as much as the bounds.
+                let lock = || {
+                    self.scratches
+                        .lock()
+                        .unwrap_or_else(PoisonError::into_inner)
+                };
+                let mut scratch = lock().pop().unwrap_or_default();
                 let level = &self.levels[usize::from(address.level)];
                 let first = address.first_sample();
                 let row = |z: u32| level.heights.row(z);
-                tile_errors(level.samples, [first.0, first.1], row, scratch)
+                let errors = tile_errors(level.samples, [first.0, first.1], row, &mut scratch);
+                lock().push(scratch);
+                errors
             })
             .collect();
         let mut rest = (ready, errors.as_mut_slice());

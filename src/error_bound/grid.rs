@@ -1,7 +1,9 @@
 //! The ground seen on a coarser grid: how that bends, and how far the ground is from it.
 
 use super::REACH;
+use super::boxes::PAD;
 use super::window::{MARGIN, SIDE, Window};
+use pulp::Simd;
 use std::ops::Range;
 
 /// Stands for a largest value of nothing; its negative for a smallest. Not infinite, so that
@@ -16,62 +18,99 @@ pub(super) struct Extremes {
 }
 
 impl Extremes {
-    fn reset(&mut self, length: usize, high: f32) {
-        for (plane, value) in [(&mut self.high, high), (&mut self.low, -high)] {
-            plane.clear();
-            plane.resize(length, value);
+    /// Both planes, the high one first.
+    #[inline(always)]
+    pub(super) fn planes(&self) -> [&[f32]; 2] {
+        [&self.high, &self.low]
+    }
+
+    fn resize(&mut self, length: usize) {
+        for plane in [&mut self.high, &mut self.low] {
+            plane.resize(length + PAD, 0.0);
         }
+    }
+
+    /// Extremes of nothing in all cells.
+    fn clear(&mut self) {
+        self.high.fill(NOTHING);
+        self.low.fill(-NOTHING);
     }
 
     /// The extremes of cells of twice the side, from planes with `stride` cells a row.
     #[inline(always)]
     fn halve(&self, out: &mut Self, stride: usize, side: usize) {
-        out.reset(side * side, 0.0);
-        pairs::<true>(&self.high, stride, [2, 2], side, &mut out.high);
-        pairs::<false>(&self.low, stride, [2, 2], side, &mut out.low);
+        out.resize(side * side);
+        halve::<true>(&self.high, stride, side, &mut out.high);
+        halve::<false>(&self.low, stride, side, &mut out.low);
     }
 }
 
-/// The largest (or smallest) of `reach[0]` by `reach[1]` values, two or three, from every second one
-/// on in x and z.
+/// The largest (or smallest) of two by two values, from every second one on in x and z.
 #[inline(always)]
-fn pairs<const HIGH: bool>(
+fn halve<const HIGH: bool>(plane: &[f32], stride: usize, side: usize, out: &mut [f32]) {
+    let mut column = [0.0_f32; SIDE];
+    let column = &mut column[..2 * side];
+    for (z, out) in out.chunks_exact_mut(side).take(side).enumerate() {
+        fold_rows::<HIGH, 2>(plane, stride, 2 * z, column);
+        fold_pairs::<HIGH>(column, out);
+    }
+}
+
+/// The largest (or smallest) of `R` rows' values from `row` on, column by column.
+#[inline(always)]
+fn fold_rows<const HIGH: bool, const R: usize>(
     plane: &[f32],
     stride: usize,
-    reach: [usize; 2],
-    side: usize,
+    row: usize,
     out: &mut [f32],
 ) {
-    let mut column = [0.0_f32; SIDE];
-    let width = 2 * (side - 1) + reach[0];
-    let column = &mut column[..width];
-    for (z, out) in out.chunks_exact_mut(side).enumerate() {
-        let row = |number: usize| &plane[(2 * z + number) * stride..][..width];
-        column.copy_from_slice(row(0));
-        for number in 1..reach[1] {
-            for (column, &value) in column.iter_mut().zip(row(number)) {
-                *column = pick::<HIGH>(*column, value);
-            }
+    let width = out.len();
+    let first = &plane[row * stride..][..width];
+    if R == 1 {
+        out.copy_from_slice(first);
+        return;
+    }
+    let second = &plane[(row + 1) * stride..][..width];
+    if R == 2 {
+        for ((out, &a), &b) in out.iter_mut().zip(first).zip(second) {
+            *out = pick::<HIGH>(a, b);
         }
-        for (out, pair) in out.iter_mut().zip(column.chunks_exact(2)) {
-            *out = pick::<HIGH>(pair[0], pair[1]);
-        }
-        if reach[0] == 3 {
-            for (out, pair) in out.iter_mut().zip(column[1..].chunks_exact(2)) {
-                *out = pick::<HIGH>(*out, pair[1]);
-            }
-        }
+        return;
+    }
+    let third = &plane[(row + 2) * stride..][..width];
+    for (((out, &a), &b), &c) in out.iter_mut().zip(first).zip(second).zip(third) {
+        *out = pick::<HIGH>(pick::<HIGH>(a, b), c);
     }
 }
 
-/// What bounds the error in a cell: by how much the surface turns at the grid's lines in x and in z,
-/// how much it twists, and how far the ground is from it.
+/// The larger (or smaller) of the first two values, of the next two, and so on.
+#[inline(always)]
+fn fold_pairs<const HIGH: bool>(row: &[f32], out: &mut [f32]) {
+    for (out, pair) in out.iter_mut().zip(row.chunks_exact(2)) {
+        *out = pick::<HIGH>(pair[0], pair[1]);
+    }
+}
+
+/// The same of three values, of which the third is the next ones' first: `row` is one longer.
+#[inline(always)]
+fn fold_threes<const HIGH: bool>(row: &[f32], out: &mut [f32]) {
+    let pairs = row.chunks_exact(2).zip(row[1..].chunks_exact(2));
+    for (out, (first, last)) in out.iter_mut().zip(pairs) {
+        *out = pick::<HIGH>(pick::<HIGH>(first[0], first[1]), last[1]);
+    }
+}
+
+/// What bounds the error in a cell of two steps: by how much the surface turns at the grid's lines in x
+/// and in z, how much it twists, and how far the ground is from it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cells {
     /// Cells along a side of the square.
     pub side: usize,
-    pub bend_x: Extremes,
-    pub bend_z: Extremes,
+    /// At the line in the cell's middle; and at that in its west, too. Never at that in its east,
+    /// which the next cell has. So a box has all lines in it without those at its rim.
+    pub bend_x: [Extremes; 2],
+    /// The same in the middle and in the north.
+    pub bend_z: [Extremes; 2],
     pub twist: Extremes,
     pub rest: Extremes,
 }
@@ -83,7 +122,8 @@ pub(super) struct Grid {
     pub spacing: usize,
     /// Cells along a side; the planes of points have a row and a column more.
     pub cells: usize,
-    /// Second differences at points, 0 where the line through it is no ground's inside.
+    /// Second differences at points, 0 where the line through it is no ground's inside. At the planes'
+    /// rims, they are never used.
     pub bend_x: Vec<f32>,
     pub bend_z: Vec<f32>,
     /// Twist of the cell that begins at a point.
@@ -93,8 +133,7 @@ pub(super) struct Grid {
     /// The ground, smoothed as far as suits the spacing, all over the window.
     smooth: Vec<f32>,
     finer: Vec<f32>,
-    points: Vec<f32>,
-    rows: [Vec<f32>; 6],
+    sum: Vec<f32>,
 }
 
 impl Grid {
@@ -118,7 +157,7 @@ impl Grid {
         let half = (side - 1) / 2 + 1;
         std::mem::swap(&mut self.smooth, &mut self.finer);
         self.smooth.resize(half * half, 0.0);
-        let sum = &mut self.rows[0];
+        let sum = &mut self.sum;
         // What lies at the window's border is never used.
         sum.resize(SIDE + 4, 0.0);
         let finer = if self.spacing == 2 {
@@ -146,138 +185,245 @@ impl Grid {
         }
     }
 
-    /// Measures the part of the window that lies at most `margin` samples from the tile.
+    /// Measures the part of the window that lies at most `margin` samples from the tile. `SPACING` is
+    /// the grid's.
     #[inline(always)]
-    pub(super) fn measure(&mut self, window: &Window, margin: usize) {
-        let spacing = self.spacing;
+    pub(super) fn measure<S: Simd, const SPACING: usize>(
+        &mut self,
+        simd: S,
+        window: &Window,
+        margin: usize,
+    ) {
         let origin = MARGIN - margin;
-        let cells = (SIDE - 1 - 2 * origin) / spacing;
+        let cells = (SIDE - 1 - 2 * origin) / SPACING;
         let stride = cells + 1;
         self.cells = cells;
-        let (side, first) = ((SIDE - 1) / spacing + 1, origin / spacing);
-        self.points.clear();
-        let smooth = if spacing == 1 {
-            &window.heights
-        } else {
-            &self.smooth
-        };
-        for row in smooth.chunks_exact(side).skip(first).take(stride) {
-            self.points.extend_from_slice(&row[first..first + stride]);
-        }
-        for plane in [&mut self.bend_x, &mut self.bend_z, &mut self.twist] {
-            plane.clear();
-            plane.resize(stride * stride, 0.0);
-        }
         let [columns, rows] =
-            [0, 1].map(|axis| window.cells_on_terrain(axis, origin, spacing, cells));
+            [0, 1].map(|axis| window.cells_on_terrain(axis, origin, SPACING, cells));
+        let all = columns.len() == cells && rows.len() == cells;
+        for plane in [&mut self.bend_x, &mut self.bend_z, &mut self.twist] {
+            plane.resize(stride * stride + PAD, 0.0);
+            if !all {
+                plane.fill(0.0);
+            }
+        }
+        if SPACING > 1 {
+            self.rest.resize(stride * stride);
+            if !all {
+                self.rest.clear();
+            }
+        }
         if columns.is_empty() || rows.is_empty() {
-            self.rest.reset(stride * stride, NOTHING);
             return;
         }
-        let point = |row: usize| &self.points[row * stride..][..stride];
-        // A kink counts where its line runs inside of the window and of the terrain.
+        let points = Points {
+            heights: if SPACING == 1 {
+                &window.heights
+            } else {
+                &self.smooth
+            },
+            side: (SIDE - 1) / SPACING + 1,
+            first: origin / SPACING,
+        };
+        // A kink counts where its line runs on the terrain's inside.
         let (from, to) = (columns.start.max(1), columns.end);
-        let width = to.saturating_sub(from);
         for row in rows.start..=rows.end {
-            let heights = &point(row)[from - 1..];
-            let (west, here, east) = (&heights[..width], &heights[1..], &heights[2..]);
-            let out = &mut self.bend_x[row * stride + from..][..width];
-            for x in 0..width {
-                out[x] = (west[x] - here[x]) + (east[x] - here[x]);
-            }
+            let out = row * stride + from..row * stride + to.max(from);
+            let west = points.row(row, from - 1, out.len());
+            let here = points.row(row, from, out.len());
+            let east = points.row(row, from + 1, out.len());
+            bend([west, here, east], &mut self.bend_x[out]);
         }
-        let width = columns.len();
-        let part = |row: usize, shift: usize| &point(row)[columns.start + shift..][..width];
         for row in rows.start.max(1)..rows.end {
-            let (north, here, south) = (
-                &point(row - 1)[columns.start..][..=width],
-                &point(row)[columns.start..][..=width],
-                &point(row + 1)[columns.start..][..=width],
-            );
-            let out = &mut self.bend_z[row * stride + columns.start..][..=width];
-            for x in 0..=width {
-                out[x] = (north[x] - here[x]) + (south[x] - here[x]);
-            }
+            let out = row * stride + columns.start..row * stride + columns.end + 1;
+            let north = points.row(row - 1, columns.start, out.len());
+            let here = points.row(row, columns.start, out.len());
+            let south = points.row(row + 1, columns.start, out.len());
+            bend([north, here, south], &mut self.bend_z[out]);
         }
         for row in rows.clone() {
-            let (a, b) = (part(row, 0), part(row, 1));
-            let (c, d) = (part(row + 1, 0), part(row + 1, 1));
-            let out = &mut self.twist[row * stride + columns.start..][..width];
-            for x in 0..width {
-                out[x] = (a[x] - b[x]) + (d[x] - c[x]);
+            let out = row * stride + columns.start..row * stride + columns.end;
+            let a = points.row(row, columns.start, out.len());
+            let b = points.row(row, columns.start + 1, out.len());
+            let c = points.row(row + 1, columns.start, out.len());
+            let d = points.row(row + 1, columns.start + 1, out.len());
+            let out = &mut self.twist[out];
+            for ((((out, a), b), c), d) in out.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+                *out = (a - b) + (d - c);
             }
         }
-        self.rest.reset(stride * stride, NOTHING);
-        if spacing > 1 {
-            self.measure_rest(window, origin, [columns, rows]);
-        }
-    }
-
-    #[inline(always)]
-    fn measure_rest(&mut self, window: &Window, origin: usize, [columns, rows]: [Range<usize>; 2]) {
-        let (spacing, stride) = (self.spacing, self.cells + 1);
-        let width = columns.len() * spacing + 1;
-        let part = 1.0 / spacing as f32;
-        let [above, below, step, high, low, spare] = &mut self.rows;
-        for row in [&mut *above, below, step, high, low, spare] {
-            row.resize(SIDE, 0.0);
-        }
-        let points = &self.points;
-        let spread = |row: usize, out: &mut [f32]| {
-            let points = &points[row * stride + columns.start..][..=columns.len()];
-            for (pair, out) in points.windows(2).zip(out.chunks_exact_mut(spacing)) {
-                let step = (pair[1] - pair[0]) * part;
-                for (number, out) in out.iter_mut().enumerate() {
-                    *out = pair[0] + step * number as f32;
-                }
-            }
-            out[width - 1] = points[columns.len()];
-        };
-        spread(rows.start, below);
-        for row in rows {
-            std::mem::swap(above, below);
-            spread(row + 1, below);
-            let above = &above[..width];
-            for ((step, &above), &below) in step.iter_mut().zip(above).zip(&below[..width]) {
-                *step = (below - above) * part;
-            }
-            let (step, high, low) = (&step[..width], &mut high[..width], &mut low[..width]);
-            high.fill(NOTHING);
-            low.fill(-NOTHING);
-            for number in 0..=spacing {
-                let first = (origin + row * spacing + number) * SIDE;
-                let heights = &window.heights[first + origin + columns.start * spacing..][..width];
-                let number = number as f32;
-                for x in 0..width {
-                    let rest = heights[x] - (above[x] + step[x] * number);
-                    high[x] = larger(high[x], rest);
-                    low[x] = smaller(low[x], rest);
-                }
-            }
-            let first = row * stride + columns.start;
-            let cells = first..first + columns.len();
-            runs::<true>(high, spare, spacing, &mut self.rest.high[cells.clone()]);
-            runs::<false>(low, spare, spacing, &mut self.rest.low[cells]);
+        if SPACING > 1 {
+            measure_rest::<S, SPACING>(
+                simd,
+                window,
+                &points,
+                [columns, rows],
+                stride,
+                &mut self.rest,
+            );
         }
     }
 
-    /// Cells of twice the spacing. A cell has the lines in its west and north, and no other border;
-    /// where lines cross its borders, it has all of them.
+    /// Cells of two steps.
     #[inline(always)]
-    pub(super) fn halve(&self, out: &mut Cells) {
+    pub(super) fn halve(&self, out: &mut Cells, with_rest: bool) {
         let (stride, side) = (self.cells + 1, self.cells / 2);
         out.side = side;
-        for (plane, extremes, reach) in [
-            (&self.bend_x, &mut out.bend_x, [2, 3]),
-            (&self.bend_z, &mut out.bend_z, [3, 2]),
-            (&self.twist, &mut out.twist, [2, 2]),
-        ] {
-            extremes.reset(side * side, 0.0);
-            pairs::<true>(plane, stride, reach, side, &mut extremes.high);
-            pairs::<false>(plane, stride, reach, side, &mut extremes.low);
+        for extremes in out.bend_x.iter_mut().chain(&mut out.bend_z) {
+            extremes.resize(side * side);
         }
-        self.rest.halve(&mut out.rest, stride, side);
+        for z in 0..side {
+            let cells = z * side..(z + 1) * side;
+            let [middle, all] = &mut out.bend_x;
+            halve_x::<true>(
+                (&self.bend_x, stride, 2 * z),
+                &mut middle.high[cells.clone()],
+                &mut all.high[cells.clone()],
+            );
+            halve_x::<false>(
+                (&self.bend_x, stride, 2 * z),
+                &mut middle.low[cells.clone()],
+                &mut all.low[cells.clone()],
+            );
+            let [middle, all] = &mut out.bend_z;
+            halve_z::<true>(
+                (&self.bend_z, stride, 2 * z),
+                &mut middle.high[cells.clone()],
+                &mut all.high[cells.clone()],
+            );
+            halve_z::<false>(
+                (&self.bend_z, stride, 2 * z),
+                &mut middle.low[cells.clone()],
+                &mut all.low[cells],
+            );
+        }
+        out.twist.resize(side * side);
+        halve::<true>(&self.twist, stride, side, &mut out.twist.high);
+        halve::<false>(&self.twist, stride, side, &mut out.twist.low);
+        if with_rest {
+            self.rest.halve(&mut out.rest, stride, side);
+        }
     }
+}
+
+/// The extremes of kinks in x, from a plane, its stride and a row: at the lines in the cells' middle,
+/// and at those in the west, too, from one row of cells' north to its south.
+#[inline(always)]
+fn halve_x<const HIGH: bool>(
+    (plane, stride, row): (&[f32], usize, usize),
+    middle: &mut [f32],
+    all: &mut [f32],
+) {
+    let mut column = [0.0_f32; SIDE];
+    let column = &mut column[..2 * middle.len()];
+    fold_rows::<HIGH, 3>(plane, stride, row, column);
+    fold_pairs::<HIGH>(column, all);
+    for (out, pair) in middle.iter_mut().zip(column.chunks_exact(2)) {
+        *out = pair[1];
+    }
+}
+
+/// The same of kinks in z.
+#[inline(always)]
+fn halve_z<const HIGH: bool>(
+    (plane, stride, row): (&[f32], usize, usize),
+    middle: &mut [f32],
+    all: &mut [f32],
+) {
+    let mut column = [0.0_f32; SIDE];
+    let column = &mut column[..2 * middle.len() + 1];
+    fold_rows::<HIGH, 1>(plane, stride, row + 1, column);
+    fold_threes::<HIGH>(column, middle);
+    fold_rows::<HIGH, 2>(plane, stride, row, column);
+    fold_threes::<HIGH>(column, all);
+}
+
+/// A grid's points from `first` on in x and z.
+struct Points<'a> {
+    heights: &'a [f32],
+    side: usize,
+    first: usize,
+}
+
+impl Points<'_> {
+    #[inline(always)]
+    fn row(&self, row: usize, column: usize, length: usize) -> &[f32] {
+        &self.heights[(self.first + row) * self.side + self.first + column..][..length]
+    }
+}
+
+/// Second differences.
+#[inline(always)]
+fn bend([before, here, after]: [&[f32]; 3], out: &mut [f32]) {
+    for (((out, before), here), after) in out.iter_mut().zip(before).zip(here).zip(after) {
+        *out = (before - here) + (after - here);
+    }
+}
+
+/// Room for a row of samples in whole vectors.
+const ROOM: usize = SIDE + PAD;
+
+/// The extremes of the ground less the surface through `points` in those of its cells that begin in
+/// `columns` and `rows`.
+#[inline(always)]
+fn measure_rest<S: Simd, const SPACING: usize>(
+    simd: S,
+    window: &Window,
+    points: &Points<'_>,
+    [columns, rows]: [Range<usize>; 2],
+    stride: usize,
+    rest: &mut Extremes,
+) {
+    let count = columns.len();
+    let vectors = (count * SPACING + 1).div_ceil(S::F32_LANES);
+    let origin = points.first * SPACING;
+    let (mut above, mut below) = ([0.0_f32; ROOM], [0.0_f32; ROOM]);
+    let (mut high, mut low) = ([0.0_f32; ROOM], [0.0_f32; ROOM]);
+    spread::<SPACING>(points.row(rows.start, columns.start, count + 1), &mut below);
+    for row in rows {
+        std::mem::swap(&mut above, &mut below);
+        spread::<SPACING>(points.row(row + 1, columns.start, count + 1), &mut below);
+        let first = (origin + row * SPACING) * SIDE + origin + columns.start * SPACING;
+        let above = &S::as_simd_f32s(&above).0[..vectors];
+        let below = &S::as_simd_f32s(&below).0[..vectors];
+        let high_of = &mut S::as_mut_simd_f32s(&mut high).0[..vectors];
+        let low_of = &mut S::as_mut_simd_f32s(&mut low).0[..vectors];
+        for x in 0..vectors {
+            let block = &window.heights[first + x * S::F32_LANES..];
+            // All rows of the block at once, so that no more is checked within.
+            let block = &block[..SPACING * SIDE + S::F32_LANES];
+            let part = simd.splat_f32s(1.0 / SPACING as f32);
+            let step = simd.mul_f32s(simd.sub_f32s(below[x], above[x]), part);
+            let mut most = simd.splat_f32s(NOTHING);
+            let mut least = simd.splat_f32s(-NOTHING);
+            for number in 0..=SPACING {
+                let height = S::as_simd_f32s(&block[number * SIDE..][..S::F32_LANES]).0[0];
+                let surface = simd.mul_f32s(step, simd.splat_f32s(number as f32));
+                let rest = simd.sub_f32s(height, simd.add_f32s(above[x], surface));
+                most = simd.max_f32s(most, rest);
+                least = simd.min_f32s(least, rest);
+            }
+            (high_of[x], low_of[x]) = (most, least);
+        }
+        let first = row * stride + columns.start;
+        let cells = first..first + count;
+        runs::<true, SPACING>(&high, &mut rest.high[cells.clone()]);
+        runs::<false, SPACING>(&low, &mut rest.low[cells]);
+    }
+}
+
+/// A row of points as straight lines between them, of `SPACING` samples each.
+#[inline(always)]
+fn spread<const SPACING: usize>(points: &[f32], out: &mut [f32; ROOM]) {
+    let part = 1.0 / SPACING as f32;
+    let (pieces, _) = out.as_chunks_mut::<SPACING>();
+    for (pair, out) in points.windows(2).zip(pieces) {
+        let step = (pair[1] - pair[0]) * part;
+        for (number, out) in out.iter_mut().enumerate() {
+            *out = pair[0] + step * number as f32;
+        }
+    }
+    out[SPACING * (points.len() - 1)] = points[points.len() - 1];
 }
 
 /// The ground's own lowest and highest in cells of two samples, as far as boxes reach.
@@ -285,34 +431,25 @@ impl Grid {
 pub(super) fn measure_range(window: &Window, out: &mut Extremes) -> usize {
     let origin = MARGIN - REACH;
     let side = (SIDE - 1) / 2 - origin;
-    out.reset(side * side, NOTHING);
+    out.resize(side * side);
     let [columns, rows] = [0, 1].map(|axis| window.cells_on_terrain(axis, origin, 2, side));
+    if columns.len() < side || rows.len() < side {
+        out.clear();
+    }
     if columns.is_empty() {
         return side;
     }
-    let width = 2 * columns.len() + 1;
-    let mut column = [[0.0_f32; SIDE]; 2];
-    let [high, low] = &mut column;
+    let mut column = [0.0_f32; SIDE];
+    let column = &mut column[..2 * columns.len() + 1];
+    let start = origin + 2 * columns.start;
+    let heights = &window.heights[start..];
     for z in rows {
-        let start = origin + 2 * columns.start;
-        let row =
-            |number: usize| &window.heights[(origin + 2 * z + number) * SIDE + start..][..width];
-        let (above, middle, below) = (row(0), row(1), row(2));
-        let (high, low) = (&mut high[..width], &mut low[..width]);
-        for x in 0..width {
-            high[x] = larger(larger(above[x], middle[x]), below[x]);
-            low[x] = smaller(smaller(above[x], middle[x]), below[x]);
-        }
         let first = z * side + columns.start;
         let cells = first..first + columns.len();
-        pairs::<true>(
-            high,
-            width,
-            [3, 1],
-            columns.len(),
-            &mut out.high[cells.clone()],
-        );
-        pairs::<false>(low, width, [3, 1], columns.len(), &mut out.low[cells]);
+        fold_rows::<true, 3>(heights, SIDE, origin + 2 * z, column);
+        fold_threes::<true>(column, &mut out.high[cells.clone()]);
+        fold_rows::<false, 3>(heights, SIDE, origin + 2 * z, column);
+        fold_threes::<false>(column, &mut out.low[cells]);
     }
     side
 }
@@ -324,23 +461,26 @@ pub(super) fn halve_range(fine: &Extremes, side: usize, out: &mut Extremes) -> u
     side / 2
 }
 
-/// For cells of `spacing` values each, the largest (or smallest) of their own and the next one's first.
+/// For cells of `SPACING` values each, the largest (or smallest) of their own and the next one's first.
 #[inline(always)]
-fn runs<const HIGH: bool>(row: &mut [f32], spare: &mut [f32], spacing: usize, out: &mut [f32]) {
-    // Of one value, of two from each on, of four, and so on.
-    let mut length = row.len();
+fn runs<const HIGH: bool, const SPACING: usize>(row: &[f32; ROOM], out: &mut [f32]) {
+    // Of one value, of two from each on, of four, and so on: into another row, as loops that change a
+    // row in its place come out slower.
+    let (mut first, mut second) = ([0.0_f32; ROOM], [0.0_f32; ROOM]);
+    first[..ROOM].copy_from_slice(row);
+    let (mut row, mut spare) = (&mut first, &mut second);
+    let width = SPACING * out.len() + 1;
     let mut reach = 1;
-    while reach < spacing {
-        length -= reach;
-        let both = row.iter().zip(&row[reach..]);
-        for (spare, (&a, &b)) in spare[..length].iter_mut().zip(both) {
-            *spare = pick::<HIGH>(a, b);
+    while reach < SPACING {
+        let pairs = row[..width].iter().zip(&row[reach..]);
+        for (out, (&a, &b)) in spare.iter_mut().zip(pairs) {
+            *out = pick::<HIGH>(a, b);
         }
-        row[..length].copy_from_slice(&spare[..length]);
+        std::mem::swap(&mut row, &mut spare);
         reach *= 2;
     }
-    for (cell, out) in out.iter_mut().enumerate() {
-        *out = pick::<HIGH>(row[cell * spacing], row[cell * spacing + 1]);
+    for (out, cell) in out.iter_mut().zip(row.windows(2).step_by(SPACING)) {
+        *out = pick::<HIGH>(cell[0], cell[1]);
     }
 }
 

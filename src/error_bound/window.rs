@@ -1,8 +1,8 @@
 //! The heights that a tile's bounds follow from.
 
 use super::ERROR_REACH;
+use super::boxes::PAD;
 use crate::tile::TILE_SAMPLES;
-use std::ops::RangeInclusive;
 
 /// Samples before a tile's first own one.
 pub(super) const MARGIN: usize = ERROR_REACH as usize;
@@ -18,7 +18,7 @@ const HIGHEST: f32 = 131_071.0;
 /// Heights of a tile and [`MARGIN`] samples around it, in steps of stored heights.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Window {
-    /// [`SIDE`]² heights, row by row.
+    /// [`SIDE`]² heights, row by row, and what vectors may reach beyond them.
     pub heights: Vec<f32>,
     /// The first and the last sample on the terrain in x and z, counted from the window's first;
     /// they may lie outside of it.
@@ -56,37 +56,59 @@ impl Place {
     }
 }
 
+/// Columns of a window, the first of them column `start` of a level whose last one is `last`.
+#[derive(Clone, Copy)]
+struct Columns {
+    start: i64,
+    last: i64,
+}
+
+impl Columns {
+    /// Takes a row of the level: the part on the terrain, then what lies beyond either end.
+    #[inline(always)]
+    fn load(self, row: &[u16], out: &mut [f32]) {
+        let Self { start, last } = self;
+        let from = (-start).clamp(0, SIDE as i64);
+        let to = (last - start + 1).clamp(from, SIDE as i64);
+        let inside = &row[(start + from) as usize..(start + to) as usize];
+        for (out, &height) in out[from as usize..to as usize].iter_mut().zip(inside) {
+            *out = f32::from(height);
+        }
+        if inside.len() < SIDE {
+            self.load_beyond(row, out, [from, to]);
+        }
+    }
+
+    /// Takes all but the columns `inside`, which lie on the terrain.
+    fn load_beyond(self, row: &[u16], out: &mut [f32], inside: [i64; 2]) {
+        let height = |at: u32| f32::from(row[at as usize]);
+        for at in (0..inside[0]).chain(inside[1]..SIDE as i64) {
+            let place = Place::new(self.start + at, self.last);
+            let sum = place.sign * height(place.at)
+                + place.last * height(self.last as u32)
+                + place.first * height(0);
+            out[at as usize] = sum.clamp(LOWEST, HIGHEST);
+        }
+    }
+}
+
 impl Window {
     /// Fills the window of the tile whose first own sample is `first`, of a level with `samples`
     /// samples. `row(z)` gives the level's rows.
+    #[inline(always)]
     pub(super) fn fill<'a>(
         &mut self,
         samples: [u32; 2],
         first: [u32; 2],
         row: impl Fn(u32) -> &'a [u16],
     ) {
-        self.heights.resize(SIDE * SIDE, 0.0);
+        self.heights.resize(SIDE * SIDE + PAD, 0.0);
         let start = first.map(|first| i64::from(first) - MARGIN as i64);
         let last = samples.map(|samples| i64::from(samples) - 1);
         self.terrain = [0, 1].map(|axis| [-start[axis], last[axis] - start[axis]]);
-        let columns: RangeInclusive<i64> = start[0]..=start[0] + SIDE as i64 - 1;
-        let load = |out: &mut [f32], z: u32| {
-            let row = row(z);
-            // The part on the terrain, then what lies beyond either end.
-            let from = (-columns.start()).clamp(0, SIDE as i64);
-            let to = (last[0] - columns.start() + 1).clamp(from, SIDE as i64);
-            let inside = &row[(columns.start() + from) as usize..(columns.start() + to) as usize];
-            for (out, &height) in out[from as usize..to as usize].iter_mut().zip(inside) {
-                *out = f32::from(height);
-            }
-            let height = |at: u32| f32::from(row[at as usize]);
-            for at in (0..from).chain(to..SIDE as i64) {
-                let place = Place::new(columns.start() + at, last[0]);
-                let sum = place.sign * height(place.at)
-                    + place.last * height(last[0] as u32)
-                    + place.first * height(0);
-                out[at as usize] = sum.clamp(LOWEST, HIGHEST);
-            }
+        let columns = Columns {
+            start: start[0],
+            last: last[0],
         };
         let [last_row, first_row] = &mut self.spare;
         for row in [&mut *last_row, &mut *first_row] {
@@ -94,19 +116,19 @@ impl Window {
         }
         for (out, z) in self.heights.chunks_exact_mut(SIDE).zip(start[1]..) {
             let place = Place::new(z, last[1]);
-            load(out, place.at);
+            columns.load(row(place.at), out);
             if place.is_inside() {
                 continue;
             }
             // Rows far off are asked for only where they count.
-            for (row, weight, z) in [
+            for (far, weight, z) in [
                 (&mut *last_row, place.last, last[1]),
                 (&mut *first_row, place.first, 0),
             ] {
                 if weight == 0.0 {
-                    row.fill(0.0);
+                    far.fill(0.0);
                 } else {
-                    load(row, z as u32);
+                    columns.load(row(z as u32), far);
                 }
             }
             for ((out, &last), &first) in out.iter_mut().zip(&*last_row).zip(&*first_row) {
