@@ -170,8 +170,8 @@ fn no_culled_face_reaches_into_the_frustum() {
         assert!(mesh.vertices.len() >= drawn * 4);
     }
     assert!(
-        culled_count > 5_000,
+        culled_count > 1_000,
         "only {culled_count} faces were culled"
     );
-    assert!(kept_count > 10_000, "only {kept_count} faces were kept");
+    assert!(kept_count > 2_000, "only {kept_count} faces were kept");
 }

@@ -27,7 +27,7 @@ pub const PICTURE_HEIGHT_PX: f64 = 1200.0;
 pub const VIEW_ANGLE_DEG: f64 = 45.0;
 
 impl Default for Setup {
-    /// As the crate's own defaults are, without a density map.
+    /// The setup of the tables that ask for nothing else, without a density map.
     fn default() -> Self {
         Self {
             reach: 4.0,

@@ -27,7 +27,7 @@ mod write;
 pub use error::MeshError;
 pub use surface::{Surface, SurfaceVertex};
 
-use crate::lattice::{Lattice, LodSettings, ResidencyField, ViewLod};
+use crate::lattice::{DEFAULT_FACES_PER_SIDE, Lattice, LodSettings, ResidencyField, ViewLod};
 use crate::output::{PartialFile, PlaceFault, check_place};
 use crate::terrain::TerrainManifest;
 use crate::tessellate::Partitioning;
@@ -111,7 +111,7 @@ impl MeshSettings {
             min_triangle_m: None,
             lod: LodSettings::default(),
             leaf_level: 0,
-            faces_per_side: 8,
+            faces_per_side: DEFAULT_FACES_PER_SIDE,
             max_vertices: 1 << 20,
             max_triangles: 1 << 21,
             force: false,

@@ -54,7 +54,7 @@ impl Default for TerrainCamera {
             lod: LodSettings::default(),
             faces_per_side: DEFAULT_FACES_PER_SIDE,
             policy: TessellationPolicy::default(),
-            triangle_width_px: 8.0,
+            triangle_width_px: 6.0,
             max_factor: 64.0,
             min_triangle_m: None,
             density: 1.0,

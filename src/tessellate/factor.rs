@@ -41,7 +41,7 @@ pub struct FactorView {
     /// The vertical error that may be left on the screen, in pixels: factors follow from the stored
     /// bounds of it and not from the triangle width. 0 for factors by triangle width.
     pub max_error_px: f32,
-    /// Units of [`ErrorBounds`] that make a metre.
+    /// Units of [`ErrorBounds`](super::ErrorBounds) that make a metre.
     pub error_units_per_m: f32,
     /// How far densities count, 0 (not at all) to 1 (in full): a factor is scaled by
     /// `1 - strength + strength * density`.

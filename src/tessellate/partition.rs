@@ -18,7 +18,6 @@ pub const FACTOR_MAX: u32 = 64 << FACTOR_LOG2;
 #[repr(u32)]
 pub enum Partitioning {
     /// An odd number of segments, two of which grow from nothing: vertices slide, none pops.
-    #[default]
     FractionalOdd = 0,
     /// The factor rounded up; segments of one length, vertices pop.
     Integer = 1,
@@ -26,7 +25,8 @@ pub enum Partitioning {
     /// ones pop.
     PowerOfTwo = 2,
     /// An even number of segments, at least 2, two of which grow from nothing: vertices slide, none
-    /// pops.
+    /// pops. The default: where an edge is cut as finely as its samples lie, its vertices lie on them.
+    #[default]
     FractionalEven = 3,
     /// The factors rounded up to powers of two, one for the whole inside of a face; new vertices rise
     /// in place from the coarser surface, those on edges slide out of their neighbours. Nothing pops,
