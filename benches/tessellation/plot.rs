@@ -167,19 +167,23 @@ pub fn plot(curves: &[Vec<Curve>; 2], path: &Path) {
         .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }
 
-/// Where each method's marker stands: in a row, in the middle.
+/// Where each method's marker stands: in two rows, each in the middle.
 fn legend_places() -> Vec<(Method, Point)> {
     // Half a line, the gap to the text, the text, and the gap to the next.
     let wide = |method: &Method| 22 + 34 + 10 * method.name().len() as i32 + 16;
     let methods: Vec<Method> = Method::all().collect();
-    let all: i32 = methods.iter().map(wide).sum();
-    let mut left = (WIDTH as i32 - all) / 2;
-    let place = |method: Method| {
-        let place = Point::new(left + 22, HEIGHT as i32 - 30);
-        left += wide(&method);
-        (method, place)
-    };
-    methods.into_iter().map(place).collect()
+    let rows = methods.chunks(methods.len().div_ceil(2)).enumerate();
+    rows.flat_map(|(row, methods)| {
+        let all: i32 = methods.iter().map(wide).sum();
+        let mut left = (WIDTH as i32 - all) / 2;
+        let place = move |method: &Method| {
+            let place = Point::new(left + 22, HEIGHT as i32 - 44 + 24 * row as i32);
+            left += wide(method);
+            (*method, place)
+        };
+        methods.iter().map(place).collect::<Vec<_>>()
+    })
+    .collect()
 }
 
 fn draw_panel(lines: &mut Canvas, panel: Point, curves: &[Curve]) {

@@ -1,7 +1,7 @@
 //! Drawing: nodes are selected and culled on the CPU, compute passes write their vertices and
 //! triangles, and one indirect draw a pass puts them into Bevy's own phases.
 //!
-//! What it costs: a page takes 104 KiB of GPU memory, a vertex with its triangles at most
+//! What it costs: a page takes 113 KiB of GPU memory, a vertex with its triangles at most
 //! 40 bytes of room ([`TerrainCamera::max_vertices`](crate::terrain::TerrainCamera::max_vertices)
 //! of them per camera), a draw call per terrain, view and pass. It asks for no feature beyond
 //! WebGPU's defaults.

@@ -52,7 +52,7 @@ pub struct TerrainSettings {
     /// cost CPU time per node.
     pub leaf_level: i32,
     /// The most tiles that are resident at once, 1 to 16 384 (WebGPU's 256 texture layers of 64
-    /// pages). A page takes 104 KiB of memory on the GPU and 44 KiB on the CPU. Where a view wants more tiles than that, the
+    /// pages). A page takes 113 KiB of memory on the GPU and 44 KiB on the CPU. Where a view wants more tiles than that, the
     /// farthest of the finest are left out.
     pub page_capacity: u32,
     /// The most tiles that are read at once, 1 to 1024.
