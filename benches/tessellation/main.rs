@@ -52,6 +52,8 @@ fn main() {
     done("partitionings");
     tables::sweep(&ground, &folder);
     done("faces a side and triangle width");
+    tables::levels(&ground, &folder);
+    done("what coarser levels leave out");
     widths::widths(&ground, &folder);
     done("triangles in a picture");
     tables::depth(&ground, &folder);

@@ -80,6 +80,11 @@ pub fn errors(samples: &Samples, px_per_m: &[f32], mesh: &PlanMesh) -> Errors {
             drawn_m[sample] = height_m;
         });
     }
+    errors_of(samples, px_per_m, &drawn_m)
+}
+
+/// Errors in pixels of heights at all samples, those that are no number left out.
+pub fn errors_of(samples: &Samples, px_per_m: &[f32], drawn_m: &[f64]) -> Errors {
     let mut errors_px: Vec<f64> = drawn_m
         .iter()
         .zip(&samples.heights_m)

@@ -2,10 +2,12 @@
 
 use crate::curves::Step;
 use crate::ground::{EYES, Eye, Ground, px_per_m};
-use crate::policy::Setup;
+use crate::measure::errors_of;
+use crate::policy::{Policy, Setup};
 use crate::table::{Cell, Table};
-use bevy_tessera::tessellate::Partitioning;
-use glam::{DVec2, DVec3};
+use bevy_tessera::lattice::ONE;
+use bevy_tessera::tessellate::{Pages, Partitioning, ViewMesh};
+use glam::{DVec2, DVec3, IVec2};
 use std::path::Path;
 
 /// Vertices without and with a density map in the views of figures 4.13a and b, the thesis's table 4.2.
@@ -149,6 +151,60 @@ pub fn sweep(ground: &Ground, folder: &Path) {
         }
     }
     table.finish(folder, "tessellation_sweep");
+}
+
+/// What is missing where levels coarser than the finest are drawn, were each drawn without an error:
+/// the price of a shorter reach, and what a longer one costs.
+pub fn levels(ground: &Ground, folder: &Path) {
+    let heads = [
+        "view",
+        "reach",
+        "nodes",
+        "triangles at 2 px",
+        "largest px",
+        "99.9 % below px",
+        "RMS px",
+    ];
+    let mut table = Table::new("What coarser levels leave out of the finest heights", &heads);
+    for eye in &EYES {
+        let px_per_m = px_per_m(ground, eye, Setup::default().focal_px);
+        for reach in [4.0, 6.0, 8.0, 12.0, 16.0] {
+            let setup = Setup {
+                reach,
+                ..Policy::ScreenErrorEven.setup(2.0)
+            };
+            let drawn_m = setup.view(ground, eye, |view, _| drawn_levels_m(ground, view));
+            let errors = errors_of(&ground.samples, &px_per_m, &drawn_m);
+            let (mesh, nodes) = setup.mesh(ground, eye);
+            table.row([
+                Cell::from(eye.name),
+                Cell::Text(format!("{reach}")),
+                Cell::Count(nodes),
+                Cell::Count(mesh.triangles.len()),
+                Cell::Number(errors.largest_px, 2),
+                Cell::Number(errors.most_px, 2),
+                Cell::Number(errors.rms_px, 3),
+            ]);
+        }
+    }
+    table.finish(folder, "tessellation_levels");
+}
+
+/// At every sample the height of the levels that are drawn there.
+fn drawn_levels_m(ground: &Ground, view: &ViewMesh<Pages>) -> Vec<f64> {
+    let [columns, rows] = ground.samples.size;
+    let samples = (0..rows).flat_map(|z| (0..columns).map(move |x| (x, z)));
+    samples
+        .map(|(x, z)| {
+            let p = IVec2::new(x as i32, z as i32) << IVec2::splat(view.lattice.unit_log2 as i32);
+            let mut level = view.lattice.leaf_level;
+            // A level that has morphed all the way is the next one.
+            while level < view.lattice.root_level && view.lod.morph(view.lattice, p, level) == ONE {
+                level += 1;
+            }
+            view.displaced(p, level).0.into()
+        })
+        .collect()
 }
 
 /// Triangles over which a size is taken in the middle: fractional segments differ beside each other.
