@@ -165,7 +165,10 @@ pub fn levels(ground: &Ground, folder: &Path) {
         "99.9 % below px",
         "RMS px",
     ];
-    let mut table = Table::new("What coarser levels leave out of the finest heights", &heads);
+    let mut table = Table::new(
+        "What coarser levels leave out of the finest heights",
+        &heads,
+    );
     for eye in &EYES {
         let px_per_m = px_per_m(ground, eye, Setup::default().focal_px);
         for reach in [4.0, 6.0, 8.0, 12.0, 16.0] {
