@@ -39,6 +39,7 @@
 //! | [`density`] | curvature filters, and densities from heights | |
 //! | [`detail`] | displacement finer than the samples: noise that follows a rule | |
 //! | [`error_bound`] | bounds on the error that any triangles leave, from heights | |
+//! | [`output`] | why a picture or a mesh can't be written at a path | |
 //! | [`lattice`] | the integer grid, level of detail, morph, selection, the residency field | |
 //! | [`tessellate`] | edge factors, partitioning, the CPU twin of the compute passes | |
 //! | [`mesh_export`] | a view's mesh as a Wavefront OBJ or binary glTF file | |
@@ -91,7 +92,7 @@ pub mod tile;
 #[cfg(feature = "ecs")]
 pub mod view;
 
-mod output;
+pub mod output;
 #[cfg(feature = "ecs")]
 mod plugins;
 #[cfg(feature = "ecs")]

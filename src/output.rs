@@ -5,15 +5,42 @@ use std::fs::{self, File, Metadata, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
+use thiserror::Error;
 
-/// Why nothing may be written at a path.
-pub(crate) enum PlaceFault {
+/// Why nothing may be written at a path, whatever kind of file it is to be.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum OutputError {
     /// It names a folder, or nothing (`/`, `..`).
-    Folder,
+    #[error("{} is no name for a {kind}: it is a folder; give --out a file's name", path.display())]
+    Folder {
+        /// The path.
+        path: PathBuf,
+        /// What was to be written.
+        kind: &'static str,
+    },
     /// The folder in which it lies isn't there.
-    Parent(PathBuf),
-    /// It is a part of a terrain, or no regular file; says which.
-    Other(&'static str),
+    #[error(
+        "{} can't be written: there is no folder {}; make it, or choose another --out",
+        path.display(),
+        folder.display()
+    )]
+    Parent {
+        /// The path.
+        path: PathBuf,
+        /// The folder that is missing.
+        folder: PathBuf,
+    },
+    /// It is a part of a terrain, or no regular file (a device, a pipe).
+    #[error("{} is {what}, and is not replaced by a {kind}; choose another --out", path.display())]
+    Other {
+        /// The path.
+        path: PathBuf,
+        /// What it is.
+        what: &'static str,
+        /// What was to be written.
+        kind: &'static str,
+    },
 }
 
 /// Where a file is to be written.
@@ -24,31 +51,40 @@ pub(crate) struct Place {
     pub metadata: Option<Metadata>,
 }
 
-/// Whether a file may be put at `out`, as far as that doesn't depend on what kind of file it is.
-pub(crate) fn check_place(out: &Path) -> Result<Place, PlaceFault> {
+/// Whether a file may be put at `out`, as far as that doesn't depend on what `kind` of file it is.
+pub(crate) fn check_place(out: &Path, kind: &'static str) -> Result<Place, OutputError> {
+    let path = || out.to_owned();
+    let other = |what| OutputError::Other {
+        path: path(),
+        what,
+        kind,
+    };
     if out.file_name().is_none() {
-        return Err(PlaceFault::Folder);
+        return Err(OutputError::Folder { path: path(), kind });
     }
     let folder = match out.parent() {
         Some(parent) if parent != Path::new("") => parent.to_owned(),
         _ => PathBuf::from("."),
     };
     if !folder.is_dir() {
-        return Err(PlaceFault::Parent(folder));
+        return Err(OutputError::Parent {
+            path: path(),
+            folder,
+        });
     }
     let metadata = fs::metadata(out).ok();
     if let Some(metadata) = &metadata {
         if metadata.is_dir() {
-            return Err(PlaceFault::Folder);
+            return Err(OutputError::Folder { path: path(), kind });
         }
         if !metadata.is_file() {
-            return Err(PlaceFault::Other("no regular file"));
+            return Err(other("no regular file"));
         }
         let named = |name: &str| out.ends_with(name);
         let of_terrain = [MANIFEST_FILE, INDEX_FILE].into_iter().any(named)
             || out.extension().is_some_and(|extension| extension == "tile");
         if of_terrain {
-            return Err(PlaceFault::Other("a part of a terrain"));
+            return Err(other("a part of a terrain"));
         }
     }
     Ok(Place { folder, metadata })

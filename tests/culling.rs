@@ -129,20 +129,22 @@ fn no_culled_face_reaches_into_the_frustum() {
             }),
             ..frame.twin()
         };
+        // Culled faces have no factors; these are what they would have.
+        let unculled = frame.twin();
         let faces = frame.factors.len() / frame.nodes.len();
         let unit_m = twin.factor_view.unit_m;
         let mut disagree = 0;
         for (at, factors) in frame.factors.iter().enumerate() {
-            let (node, face) = (&frame.nodes[at / faces], (at % faces) as u32);
-            disagree += usize::from(twin.classify(node, face).culled != factors.culled);
+            let (node, number) = (&frame.nodes[at / faces], (at % faces) as u32);
+            disagree += usize::from(twin.classify(node, number).culled != factors.culled);
             if !factors.culled {
                 kept_count += 1;
                 continue;
             }
             culled_count += 1;
             let face = Face {
-                corners: twin.corners(node, face),
-                factors: *factors,
+                corners: twin.corners(node, number),
+                factors: unculled.classify(node, number),
                 partitioning: twin.partitioning,
             };
             let counts = face.counts();

@@ -9,7 +9,7 @@ use bevy_tessera::terrain::{GroundQuery, TerrainManifest};
 use bevy_tessera::tessellate::{
     FACTOR_ONE, Face, FaceFactors, FactorView, Pages, Partitioning, TerrainVertex, ViewMesh,
 };
-use bevy_tessera::tile::{ERROR_UNIT, TerrainTile};
+use bevy_tessera::tile::TerrainTile;
 use common::random::Random;
 use glam::{DVec2, IVec2};
 use std::sync::Arc;
@@ -160,7 +160,7 @@ fn look(
         focal_px: FOCAL_PX as f32,
         px_per_m: 0.0,
         max_error_px: max_px as f32,
-        error_units_per_m: (f64::from(ERROR_UNIT) / file.height_step_m) as f32,
+        error_units_per_m: file.error_units_per_m() as f32,
     };
     let mesh = ViewMesh {
         lattice: &lattice,

@@ -78,7 +78,7 @@ impl Setup {
             focal_px: self.focal_px as f32,
             px_per_m: 0.0,
             max_error_px: self.max_error_px as f32,
-            error_units_per_m: (64.0 / file.height_step_m) as f32,
+            error_units_per_m: file.error_units_per_m() as f32,
         };
         let mut nodes: Vec<Node> = Vec::new();
         lod.select(&lattice, &mut |_, _| true, &mut |node| nodes.push(node));

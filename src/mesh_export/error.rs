@@ -1,6 +1,7 @@
 //! Why a mesh isn't written.
 
 use crate::lattice::LatticeError;
+use crate::output::OutputError;
 use crate::terrain::ManifestError;
 use std::io;
 use std::path::PathBuf;
@@ -46,32 +47,9 @@ pub enum MeshError {
         /// What was said of the tiles that can't be read.
         reason: String,
     },
-    /// The mesh's path names a folder, or nothing (`/`, `..`).
-    #[error("{} is no name for a mesh: it is a folder; give --out a file's name", path.display())]
-    OutputFolder {
-        /// The path.
-        path: PathBuf,
-    },
-    /// The mesh would go to a folder that isn't there.
-    #[error(
-        "{} can't be written: there is no folder {}; make it, or choose another --out",
-        path.display(),
-        folder.display()
-    )]
-    OutputParent {
-        /// The path.
-        path: PathBuf,
-        /// The folder that is missing.
-        folder: PathBuf,
-    },
-    /// The mesh would replace a part of a terrain, or what isn't a file (a device, a pipe).
-    #[error("{} is {what}, and is not replaced by a mesh; choose another --out", path.display())]
-    OutputOther {
-        /// The path.
-        path: PathBuf,
-        /// What it is.
-        what: &'static str,
-    },
+    /// Nothing may be written at that path.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// The mesh's name says no format.
     #[error(
         "{} is no name for a mesh; give --out a name that ends in .obj (Wavefront) or .glb (binary \

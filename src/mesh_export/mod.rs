@@ -28,7 +28,7 @@ pub use error::MeshError;
 pub use surface::{Surface, SurfaceVertex};
 
 use crate::lattice::{DEFAULT_FACES_PER_SIDE, Lattice, LodSettings, ResidencyField, ViewLod};
-use crate::output::{PartialFile, PlaceFault, check_place};
+use crate::output::{PartialFile, check_place};
 use crate::terrain::TerrainManifest;
 use crate::tessellate::Partitioning;
 use glam::{DVec2, DVec3};
@@ -287,14 +287,7 @@ pub fn export_mesh(
 /// Whether `out` may be written; the folder in which it lies, and what it is to become.
 fn check_output(out: &Path, force: bool) -> Result<(PathBuf, Format), MeshError> {
     let path = || out.to_owned();
-    let place = check_place(out).map_err(|fault| match fault {
-        PlaceFault::Folder => MeshError::OutputFolder { path: path() },
-        PlaceFault::Parent(folder) => MeshError::OutputParent {
-            path: path(),
-            folder,
-        },
-        PlaceFault::Other(what) => MeshError::OutputOther { path: path(), what },
-    })?;
+    let place = check_place(out, "mesh")?;
     let extension = out.extension().unwrap_or_default();
     let format = if extension.eq_ignore_ascii_case("obj") {
         Format::Obj

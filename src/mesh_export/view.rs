@@ -5,7 +5,6 @@ use super::{MeshError, MeshSettings};
 use crate::lattice::{Lattice, Node, ResidencyField, ViewLod};
 use crate::terrain::{GroundQuery, TerrainManifest};
 use crate::tessellate::{FaceFactors, FactorView, PageSource, TerrainMesh, ViewMesh};
-use crate::tile::ERROR_UNIT;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
@@ -45,7 +44,7 @@ impl View {
                 focal_px: focal_px as f32,
                 px_per_m: 0.0,
                 max_error_px: settings.max_error_px.unwrap_or(0.0) as f32,
-                error_units_per_m: (f64::from(ERROR_UNIT) / manifest.file.height_step_m) as f32,
+                error_units_per_m: manifest.file.error_units_per_m() as f32,
             },
         })
     }

@@ -9,7 +9,7 @@ use crate::detail::DetailKernel;
 use crate::stream::{TerrainState, TerrainTiles, TileData, TilePage};
 use crate::terrain::{TerrainCamera, TessellationPolicy};
 use crate::tessellate::{FactorView, Partitioning};
-use crate::tile::{ERROR_UNIT, TerrainTile, TileAddress};
+use crate::tile::{TerrainTile, TileAddress};
 use crate::view::{TerrainView, TerrainViews};
 use bevy::asset::AssetId;
 use bevy::ecs::entity::EntityHashMap;
@@ -330,7 +330,7 @@ pub fn factor_view(
             0.0
         },
         max_error_px,
-        error_units_per_m: (f64::from(ERROR_UNIT) / file.height_step_m) as f32,
+        error_units_per_m: file.error_units_per_m() as f32,
     })
 }
 

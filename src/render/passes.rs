@@ -7,7 +7,8 @@ use super::prepare::{GpuTerrainMesh, GpuTerrainMeshes, MeshBindGroups};
 use bevy::prelude::*;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
-    BindGroup, CachedComputePipelineId, ComputePassDescriptor, PipelineCache,
+    BindGroup, CachedComputePipelineId, ComputePass, ComputePassDescriptor, ComputePipeline,
+    PipelineCache,
 };
 use bevy::render::renderer::RenderContext;
 
@@ -45,35 +46,43 @@ fn run(
     if !meshes.meshes.values().any(pass.wants) {
         return;
     }
-    let _span = bevy::log::debug_span!("terrain_pass", pass = pass.kind.label()).entered();
+    record(pass.kind, pipeline, context, |compute| {
+        for mesh in meshes.meshes.values().filter(|mesh| (pass.wants)(mesh)) {
+            let GpuTerrainMesh {
+                groups: Some(groups),
+                ..
+            } = mesh
+            else {
+                continue;
+            };
+            let [x, y, z] = (pass.workgroups)(mesh.node_count());
+            compute.set_bind_group(0, &groups.inputs, &[]);
+            compute.set_bind_group(1, (pass.group)(groups), &[]);
+            compute.dispatch_workgroups(x, y, z);
+        }
+    });
+}
+
+/// Records a pass of `pipeline` under its label, with the spans of tracing and of Bevy's diagnostics.
+fn record(
+    kind: TerrainPass,
+    pipeline: &ComputePipeline,
+    context: &mut RenderContext,
+    dispatch: impl FnOnce(&mut ComputePass),
+) {
+    let label = kind.label();
+    let _span = bevy::log::debug_span!("terrain_pass", pass = label).entered();
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
-    let label = pass.kind.label();
-    let encoder = context.command_encoder();
-    if pass.kind == TerrainPass::Classify {
-        for mesh in meshes.meshes.values() {
-            encoder.clear_buffer(&mesh.counters.buffer, 0, None);
-        }
-    }
-    let mut compute = encoder.begin_compute_pass(&ComputePassDescriptor {
-        label: Some(label),
-        timestamp_writes: None,
-    });
+    let mut compute = context
+        .command_encoder()
+        .begin_compute_pass(&ComputePassDescriptor {
+            label: Some(label),
+            timestamp_writes: None,
+        });
     let span = diagnostics.pass_span(&mut compute, label);
     compute.set_pipeline(pipeline);
-    for mesh in meshes.meshes.values().filter(|mesh| (pass.wants)(mesh)) {
-        let GpuTerrainMesh {
-            groups: Some(groups),
-            ..
-        } = mesh
-        else {
-            continue;
-        };
-        let [x, y, z] = (pass.workgroups)(mesh.node_count());
-        compute.set_bind_group(0, &groups.inputs, &[]);
-        compute.set_bind_group(1, (pass.group)(groups), &[]);
-        compute.dispatch_workgroups(x, y, z);
-    }
+    dispatch(&mut compute);
     span.end(&mut compute);
 }
 
@@ -125,27 +134,16 @@ pub(super) fn density(
     let Some(pipeline) = cache.get_compute_pipeline(pipelines.density) else {
         return;
     };
-    let label = TerrainPass::Density.label();
-    let _span = bevy::log::debug_span!("terrain_pass", pass = label).entered();
-    let diagnostics = context.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
-    let mut compute = context
-        .command_encoder()
-        .begin_compute_pass(&ComputePassDescriptor {
-            label: Some(label),
-            timestamp_writes: None,
-        });
-    let span = diagnostics.pass_span(&mut compute, label);
-    compute.set_pipeline(pipeline);
-    for preview in previews.previews.values_mut().filter(|it| lacks(it)) {
-        let Some(gpu) = &preview.gpu else {
-            continue;
-        };
-        let pages = preview.pending.len() as u32;
-        compute.set_bind_group(0, &gpu.group, &[]);
-        compute.dispatch_workgroups(pages, DENSITY_STRIPS, 1);
-        preview.pending.clear();
-        preview.made_pages += u64::from(pages);
-    }
-    span.end(&mut compute);
+    record(TerrainPass::Density, pipeline, &mut context, |compute| {
+        for preview in previews.previews.values_mut().filter(|it| lacks(it)) {
+            let Some(gpu) = &preview.gpu else {
+                continue;
+            };
+            let pages = preview.pending.len() as u32;
+            compute.set_bind_group(0, &gpu.group, &[]);
+            compute.dispatch_workgroups(pages, DENSITY_STRIPS, 1);
+            preview.pending.clear();
+            preview.made_pages += u64::from(pages);
+        }
+    });
 }

@@ -4,8 +4,8 @@ use super::counters::Counters;
 use super::density::{DensityBuffers, GpuDensityPreviews};
 use super::extract::{ExtractedTerrain, ExtractedTerrains, ExtractedView, PageUpload};
 use super::gpu_types::{
-    GpuFaceFactors, GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex,
-    GpuTerrainView,
+    GpuFaceFactors, GpuTerrainCounters, GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode,
+    GpuTerrainVertex, GpuTerrainView,
 };
 use super::pipelines::TerrainPipelines;
 use super::statistics::TerrainViewStatistics;
@@ -22,6 +22,7 @@ use bevy::render::render_resource::{
 };
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::sync_world::MainEntity;
+use bytemuck::Zeroable;
 use half::f16;
 
 /// Pages along the side of an atlas layer.
@@ -418,7 +419,7 @@ impl GpuTerrainMesh {
             width_scale: 1.0,
             max_vertices: 0,
             least_a_face: 4,
-            uniform: bytemuck::Zeroable::zeroed(),
+            uniform: GpuTerrainView::zeroed(),
             generation: 0,
             seen: false,
             groups: None,
@@ -541,6 +542,8 @@ impl GpuTerrainMesh {
         };
         queue.write_buffer(&self.draw, 0, bytemuck::bytes_of(&draw));
         queue.write_buffer(&self.nodes, 0, bytemuck::cast_slice(&extracted.nodes));
+        let nothing = GpuTerrainCounters::zeroed();
+        queue.write_buffer(&self.counters.buffer, 0, bytemuck::bytes_of(&nothing));
     }
 
     fn bind(

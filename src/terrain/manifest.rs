@@ -1,7 +1,7 @@
 //! What a terrain is: its size, its scale and how its densities were made.
 
 use crate::density::{DensitySettings, DensitySettingsError};
-use crate::tile::{TILE_SAMPLES, TileFormatError, TileIndex};
+use crate::tile::{ERROR_UNIT, TILE_SAMPLES, TileFormatError, TileIndex};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -69,6 +69,12 @@ impl ManifestFile {
             let leaf_tiles = samples.saturating_sub(1).div_ceil(TILE_SAMPLES).max(1);
             leaf_tiles.div_ceil(1_u32.checked_shl(level.into()).unwrap_or(u32::MAX))
         })
+    }
+
+    /// How many units of stored [error bounds](crate::tile::ErrorTile) make a metre.
+    #[must_use]
+    pub fn error_units_per_m(&self) -> f64 {
+        f64::from(ERROR_UNIT) / self.height_step_m
     }
 
     /// Metres above the terrain's origin of a stored height.

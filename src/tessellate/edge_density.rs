@@ -187,7 +187,8 @@ impl<S: PageSource> DensityReader<'_, S> {
         self.density(&self.face_squares(level, origin, ij))
     }
 
-    fn density(&self, squares: &Squares) -> u32 {
+    /// The density of some ground, in units of [`DENSITY_ONE`].
+    pub(super) fn density(&self, squares: &Squares) -> u32 {
         let fine = self.square_density(&squares.fine);
         match &squares.coarse {
             None => fine << 8,

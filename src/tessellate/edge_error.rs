@@ -56,20 +56,8 @@ pub struct GroundErrors {
 }
 
 impl<S: PageSource> DensityReader<'_, S> {
-    /// What triangles leave beside the edge between control vertices `a` and `b`, counted in faces
-    /// from the corner `origin` of a node of `level`.
-    #[must_use]
-    pub fn edge_errors(&self, level: i32, origin: IVec2, a: IVec2, b: IVec2) -> GroundErrors {
-        self.errors(&self.edge_squares(level, origin, a, b))
-    }
-
-    /// What triangles leave inside face `ij` of a node of `level` with corner `origin`.
-    #[must_use]
-    pub fn face_errors(&self, level: i32, origin: IVec2, ij: IVec2) -> GroundErrors {
-        self.errors(&self.face_squares(level, origin, ij))
-    }
-
-    fn errors(&self, squares: &Squares) -> GroundErrors {
+    /// What triangles leave on some ground.
+    pub(super) fn errors(&self, squares: &Squares) -> GroundErrors {
         let coarse = squares.coarse.as_ref();
         GroundErrors {
             fine: self.square_errors(&squares.fine),

@@ -1,9 +1,10 @@
 //! A whole view's mesh on the CPU.
 
+use super::edge_density::Squares;
 use super::height::height;
 use super::{
-    DENSITY_ONE, DensityReader, EdgeEnd, FACTOR_SCALES, Face, FaceFactors, FaceVertex, FactorView,
-    GroundErrors, LocalVolume, PageSource, Partitioning, ProjectedEdge, edge_ends,
+    DENSITY_ONE, DensityReader, EdgeEnd, FACTOR_ONE, FACTOR_SCALES, Face, FaceFactors, FaceVertex,
+    FactorView, GroundErrors, LocalVolume, PageSource, Partitioning, ProjectedEdge, edge_ends,
 };
 use crate::detail::{DETAIL_SLOPE, DetailKernel};
 use crate::lattice::{Lattice, Node, ONE, ResidencyField, ViewLod};
@@ -45,6 +46,15 @@ pub struct FaceCulling<'a> {
     pub heights_m: &'a (dyn Fn(&Node) -> [f32; 2] + Sync),
 }
 
+/// What the ground beside an edge, or inside a face, asks for.
+#[derive(Clone, Copy)]
+enum Asked {
+    /// So many of the wanted segments, in units of [`DENSITY_ONE`].
+    Density(u32),
+    /// So many that no more than the bounds' part is left; and the density that detail needs.
+    Error(GroundErrors, u32),
+}
+
 /// Everything that a view's mesh follows from.
 pub struct ViewMesh<'a, S: PageSource> {
     /// The terrain's grid.
@@ -80,13 +90,19 @@ impl<S: PageSource> ViewMesh<'_, S> {
     /// Where the residency field promises a tile that `pages` doesn't hold.
     #[must_use]
     pub fn displaced(&self, p: IVec2, level: i32) -> (f32, i32) {
+        let (height_m, lambda, _) = self.displaced_by_weight(p, level);
+        (height_m, lambda)
+    }
+
+    /// The same, and the weight of detail there.
+    fn displaced_by_weight(&self, p: IVec2, level: i32) -> (f32, i32, f32) {
         let (stored_m, lambda) = self.stored(p, level);
         let Some(detail) = self.detail else {
-            return (stored_m, lambda);
+            return (stored_m, lambda, 0.0);
         };
         let weight = self.detail_weight(detail, p, level, stored_m);
         let added_m = detail.height_m(p, weight, self.finest_log2(p, level));
-        (stored_m + added_m, lambda)
+        (stored_m + added_m, lambda, weight)
     }
 
     /// How much detail there is at `p`, 0..=1, where the stored height is `stored_m`.
@@ -169,19 +185,20 @@ impl<S: PageSource> ViewMesh<'_, S> {
     #[must_use]
     pub fn classify(&self, node: &Node, face: u32) -> FaceFactors {
         let corners = self.corners(node, face);
-        let ends = corners.map(|point| EdgeEnd {
-            point,
-            height_m: self.displaced(point, node.level).0,
+        if self.is_culled(node, &corners) {
+            return FaceFactors {
+                edges: [FACTOR_ONE; 4],
+                inside: [FACTOR_ONE; 2],
+                culled: true,
+            };
+        }
+        let displaced = corners.map(|point| self.displaced_by_weight(point, node.level));
+        let ends: [EdgeEnd; 4] = std::array::from_fn(|k| EdgeEnd {
+            point: corners[k],
+            height_m: displaced[k].0,
         });
-        // What detail needs at the corners.
-        let needed = corners.map(|point| {
-            self.detail.map_or(0, |detail| {
-                let (stored_m, _) = self.stored(point, node.level);
-                detail.density(self.detail_weight(detail, point, node.level, stored_m))
-            })
-        });
-        let needed_along = |e: usize| needed[e].max(needed[(e + 1) % 4]);
-        let needed_inside = needed.into_iter().max().unwrap_or(0);
+        // The density that detail needs at the corners.
+        let needed = displaced.map(|(.., weight)| self.detail.map_or(0, |it| it.density(weight)));
         let reader = DensityReader {
             lattice: self.lattice,
             lod: self.lod,
@@ -189,43 +206,47 @@ impl<S: PageSource> ViewMesh<'_, S> {
             source: self.pages,
         };
         let ij = self.place(face);
-        let view = self.factor_view;
-        let projected = [0, 1, 2, 3].map(|e| {
+        let inside = self.ask(
+            &reader,
+            &reader.face_squares(node.level, node.origin, ij),
+            needed.into_iter().max().unwrap_or(0),
+        );
+        let factors: [[u32; 2]; 4] = std::array::from_fn(|e| {
+            let next = (e + 1) % 4;
             let [a, b] = edge_ends(e).map(|corner| ends[corner]);
-            view.project(a, b)
+            let edge = self.factor_view.project(a, b);
+            let (from, to) = (ij + AROUND[e], ij + AROUND[next]);
+            let squares = reader.edge_squares(node.level, node.origin, from, to);
+            let beside = self.ask(&reader, &squares, needed[e].max(needed[next]));
+            [beside, inside].map(|asked| self.factor(&edge, &asked))
         });
-        let around = |e: usize| (ij + AROUND[e], ij + AROUND[(e + 1) % 4]);
-        let (edges, inside) = if view.max_error_px > 0.0 {
-            let sample_m = view.unit_m * (1_u32 << self.lattice.unit_log2) as f32;
-            let factor = |edge: &ProjectedEdge, errors: &GroundErrors, needed: u32| {
-                let by_detail = edge.wanted * (needed as f32 / DENSITY_ONE as f32);
-                let wanted = view.wanted_by_error(edge, errors, sample_m).max(by_detail);
-                FactorView::fixed(wanted, edge.limit)
-            };
-            let edges = std::array::from_fn(|e| {
-                let (a, b) = around(e);
-                let errors = reader.edge_errors(node.level, node.origin, a, b);
-                factor(&projected[e], &errors, needed_along(e))
-            });
-            let inside = reader.face_errors(node.level, node.origin, ij);
-            (
-                edges,
-                projected.map(|edge| factor(&edge, &inside, needed_inside)),
-            )
-        } else {
-            let edges = std::array::from_fn(|e| {
-                let (a, b) = around(e);
-                let density = reader.edge_density(node.level, node.origin, a, b);
-                view.factor(projected[e], density.max(needed_along(e)))
-            });
-            let inside = reader.face_density(node.level, node.origin, ij);
-            let inside = inside.max(needed_inside);
-            (edges, projected.map(|edge| view.factor(edge, inside)))
-        };
+        let [edges, insides] = [0, 1].map(|which| factors.map(|factors| factors[which]));
         FaceFactors {
             edges,
-            inside: [inside[0].max(inside[2]), inside[1].max(inside[3])],
-            culled: self.is_culled(node, &ends.map(|end| end.point)),
+            inside: [insides[0].max(insides[2]), insides[1].max(insides[3])],
+            culled: false,
+        }
+    }
+
+    /// What `squares` ask for by the view's policy, where detail needs a density of `needed`.
+    fn ask(&self, reader: &DensityReader<S>, squares: &Squares, needed: u32) -> Asked {
+        if self.factor_view.max_error_px > 0.0 {
+            Asked::Error(reader.errors(squares), needed)
+        } else {
+            Asked::Density(reader.density(squares).max(needed))
+        }
+    }
+
+    fn factor(&self, edge: &ProjectedEdge, asked: &Asked) -> u32 {
+        let view = self.factor_view;
+        match asked {
+            Asked::Density(density) => view.factor(*edge, *density),
+            Asked::Error(errors, needed) => {
+                let sample_m = view.unit_m * (1_u32 << self.lattice.unit_log2) as f32;
+                let by_detail = edge.wanted * (*needed as f32 / DENSITY_ONE as f32);
+                let wanted = view.wanted_by_error(edge, errors, sample_m).max(by_detail);
+                FactorView::fixed(wanted, edge.limit)
+            }
         }
     }
 

@@ -256,7 +256,7 @@ impl World {
                 focal_px: FOCAL_PX as f32,
                 px_per_m: 0.0,
                 max_error_px: 0.0,
-                error_units_per_m: (64.0 / self.file.height_step_m) as f32,
+                error_units_per_m: self.file.error_units_per_m() as f32,
             },
         }
     }

@@ -5,7 +5,7 @@
 
 mod drawing;
 
-use crate::output::{PartialFile, PlaceFault, check_place};
+use crate::output::{OutputError, PartialFile, check_place};
 use crate::terrain::{ManifestError, TerrainManifest};
 use drawing::Drawing;
 use std::ffi::OsStr;
@@ -227,32 +227,9 @@ pub enum PreviewError {
         /// What is wrong with it.
         reason: Box<ManifestError>,
     },
-    /// The picture's path names a folder, or nothing (`/`, `..`).
-    #[error("{} is no name for a picture: it is a folder; give --out a file's name", path.display())]
-    OutputFolder {
-        /// The path.
-        path: PathBuf,
-    },
-    /// The picture would go to a folder that isn't there.
-    #[error(
-        "{} can't be written: there is no folder {}; make it, or choose another --out",
-        path.display(),
-        folder.display()
-    )]
-    OutputParent {
-        /// The path.
-        path: PathBuf,
-        /// The folder that is missing.
-        folder: PathBuf,
-    },
-    /// The picture would replace a part of a terrain, or what isn't a file (a device, a pipe).
-    #[error("{} is {what}, and is not replaced by a picture; choose another --out", path.display())]
-    OutputOther {
-        /// The path.
-        path: PathBuf,
-        /// What it is.
-        what: &'static str,
-    },
+    /// Nothing may be written at that path.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// The picture's name doesn't end in `.png`.
     #[error(
         "{} is no name for a preview, which is a PNG file; give --out a name that ends in .png",
@@ -336,14 +313,7 @@ pub fn preview(
 /// Whether `out` may be written; the folder in which it lies.
 fn check_output(out: &Path) -> Result<PathBuf, PreviewError> {
     let path = || out.to_owned();
-    let place = check_place(out).map_err(|fault| match fault {
-        PlaceFault::Folder => PreviewError::OutputFolder { path: path() },
-        PlaceFault::Parent(folder) => PreviewError::OutputParent {
-            path: path(),
-            folder,
-        },
-        PlaceFault::Other(what) => PreviewError::OutputOther { path: path(), what },
-    })?;
+    let place = check_place(out, "picture")?;
     let is_png = |extension: &OsStr| extension.eq_ignore_ascii_case("png");
     if !out.extension().is_some_and(is_png) {
         return Err(PreviewError::OutputExtension { path: path() });

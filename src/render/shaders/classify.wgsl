@@ -182,6 +182,15 @@ fn classify(
         let faces = 1u << (2u * terrain_view.faces_shift);
         for (var face = lane; face < faces; face += 64u) {
             var corners = face_corners(node, face);
+            var factors: FaceFactors;
+            factors.culled = is_culled(node, corners);
+            if factors.culled {
+                factors.edges = vec4(FACTOR_ONE);
+                factors.inside = vec2(FACTOR_ONE);
+                classified_factors[node_index * faces + face] = pack_factors(factors);
+                atomicAdd(&node_counters[COUNTER_CULLED], 1u);
+                continue;
+            }
             var heights: array<f32, 4>;
             // Weights of detail.
             var details: array<f32, 4>;
@@ -194,8 +203,6 @@ fn classify(
             var places = face_places_around(place);
             let most_detail = max(max(details[0], details[1]), max(details[2], details[3]));
             let inside = ask(face_squares(node.level, node.origin, place), most_detail);
-            var factors: FaceFactors;
-            factors.culled = is_culled(node, corners);
             var insides: vec4<u32>;
             var clamped = 0u;
             for (var e = 0u; e < 4u; e++) {
@@ -214,10 +221,6 @@ fn classify(
             }
             factors.inside = max(insides.xy, insides.zw);
             classified_factors[node_index * faces + face] = pack_factors(factors);
-            if factors.culled {
-                atomicAdd(&node_counters[COUNTER_CULLED], 1u);
-                continue;
-            }
             atomicAdd(&node_counters[COUNTER_FACES], 1u);
             atomicAdd(&node_counters[COUNTER_EDGES], 4u);
             atomicAdd(&node_counters[COUNTER_CLAMPED], clamped);
