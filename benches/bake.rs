@@ -41,11 +41,11 @@ fn tiles(criterion: &mut Criterion) {
     let samples: Box<[u16]> = (0..133 * 133).map(|at| (at * 7 % 60_000) as u16).collect();
     let tile = HeightTile::from_samples(samples).expect("a tile's worth of samples");
     let address = TileAddress::new(0, 3, 5);
-    let bytes = tile.encode(address);
+    let bytes = tile.encode(address, 7);
     let mut group = criterion.benchmark_group("bake/tile");
     group.throughput(Throughput::Bytes(bytes.len() as u64));
     group.bench_function("encode", |bencher| {
-        bencher.iter(|| black_box(black_box(&tile).encode(address)));
+        bencher.iter(|| black_box(black_box(&tile).encode(address, 7)));
     });
     group.bench_function("decode", |bencher| {
         bencher.iter(|| HeightTile::decode(black_box(&bytes), address));

@@ -6,8 +6,10 @@ mod bake_support;
 
 use bake_support::{addresses, bake_heights, entries, landscape, manifest};
 use bevy_tessera::bake::{self, BakeError, BakeSettings, Fault, HeightSource, SourceError};
+use bevy_tessera::density::DensitySettings;
 use bevy_tessera::tile::{
-    DensityTile, ErrorTile, HeightTile, TileAddress, TileRange, encode_tile, tile_path,
+    DensityTile, ErrorTile, HeightTile, TerrainTile, TileAddress, TileFormatError, TileRange,
+    encode_tile, tile_path,
 };
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -376,8 +378,9 @@ fn verify_finds_borders_that_differ_though_every_checksum_is_right() {
     tile.samples_mut()[last] ^= 1;
     let good = bake_support::densities(out, address);
     let errors = bake_support::errors(out, address);
+    let stamp = manifest(out).file.stamp();
     let write = |heights: &HeightTile, densities: &DensityTile| {
-        let bytes = encode_tile(address, heights, densities, &errors);
+        let bytes = encode_tile(address, stamp, heights, densities, &errors);
         fs::write(out.join(tile_path(address)), bytes).expect("writable");
     };
     write(&tile, &good);
@@ -400,16 +403,44 @@ fn verify_finds_borders_that_differ_though_every_checksum_is_right() {
 }
 
 #[test]
+fn tiles_name_their_terrain_and_those_of_others_are_refused() {
+    let Terrain { _folder, out } = &terrain();
+    let stamp = manifest(out).file.stamp();
+    let address = TileAddress::new(0, 1, 1);
+    let path = out.join(tile_path(address));
+    let bytes = fs::read(&path).expect("readable");
+    let mut tile = TerrainTile::decode(&bytes, address).expect("good");
+    assert_eq!(tile.stamp, stamp);
+    assert_eq!(tile.check(&manifest(out), address), Ok(()));
+    tile.stamp ^= 1;
+    let found = tile.stamp;
+    fs::write(&path, tile.encode(address)).expect("writable");
+
+    let report = bake::verify(out, &|_| {}).expect("the manifest is good");
+    let wanted = Fault::Format {
+        path: tile_path(address),
+        reason: TileFormatError::Stamp {
+            found,
+            wanted: stamp,
+        },
+    };
+    assert_eq!(report.faults, [(address, wanted)]);
+    let error = bake::rebake_densities(out, &DensitySettings::default(), &()).expect_err("refused");
+    assert!(error.to_string().contains("another terrain"), "{error}");
+}
+
+#[test]
 fn verify_finds_error_bounds_that_fall_or_are_less_than_a_childs() {
     let Terrain { _folder, out } = &terrain();
     let faults = |address: TileAddress, change: &dyn Fn(&mut [[u8; 8]])| {
         let heights = bake_support::heights(out, address);
         let densities = bake_support::densities(out, address);
         let good = bake_support::errors(out, address);
+        let stamp = manifest(out).file.stamp();
         let mut errors = good.clone();
         change(errors.texels_mut());
         let write = |errors: &ErrorTile| {
-            let bytes = encode_tile(address, &heights, &densities, errors);
+            let bytes = encode_tile(address, stamp, &heights, &densities, errors);
             fs::write(out.join(tile_path(address)), bytes).expect("writable");
         };
         write(&errors);

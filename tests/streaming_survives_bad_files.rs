@@ -42,8 +42,9 @@ fn a_bad_tile_is_named_once_and_its_parent_stands_in() {
     fs::copy(path(TileAddress::new(0, 2, 2)), path(another)).expect("copied");
     fs::write(path(empty), []).expect("written");
     let bytes = fs::read(path(no_density)).expect("is there");
-    let heights = HeightTile::decode(&bytes, no_density).expect("good");
-    fs::write(path(no_density), heights.encode(no_density)).expect("written");
+    let tile = TerrainTile::decode(&bytes, no_density).expect("good");
+    let heights = tile.heights.encode(no_density, tile.stamp);
+    fs::write(path(no_density), heights).expect("written");
     fs::write(path(coarse), b"not a tile at all, but some text").expect("written");
 
     let terrain = world.spawn(());

@@ -15,6 +15,7 @@ use bevy_tessera::tile::{
 use proptest::prelude::*;
 
 const ADDRESS: TileAddress = TileAddress::new(3, 70_000, 5);
+const STAMP: u32 = 0x0123_4567;
 
 fn density_tile() -> DensityTile {
     let texels = (0..35 * 35).map(|at| (at * 7) as u8).collect();
@@ -48,14 +49,20 @@ fn file(size: [u32; 2]) -> ManifestFile {
 #[test]
 fn tiles_are_read_as_they_were_written() {
     let tile = height_tile();
-    assert_eq!(HeightTile::decode(&tile.encode(ADDRESS), ADDRESS), Ok(tile));
+    assert_eq!(
+        HeightTile::decode(&tile.encode(ADDRESS, STAMP), ADDRESS),
+        Ok(tile)
+    );
     let tile = density_tile();
     assert_eq!(
-        DensityTile::decode(&tile.encode(ADDRESS), ADDRESS),
+        DensityTile::decode(&tile.encode(ADDRESS, STAMP), ADDRESS),
         Ok(tile)
     );
     let tile = error_tile();
-    assert_eq!(ErrorTile::decode(&tile.encode(ADDRESS), ADDRESS), Ok(tile));
+    assert_eq!(
+        ErrorTile::decode(&tile.encode(ADDRESS, STAMP), ADDRESS),
+        Ok(tile)
+    );
     assert!(ErrorTile::from_texels(vec![[0; 8]; 1023].into()).is_none());
     assert_eq!(TerrainTile::path(ADDRESS), "tile/3/70000_5.tile");
     assert!(HeightTile::from_samples(vec![0; 133 * 132].into()).is_none());
@@ -91,13 +98,14 @@ fn a_tile_is_refused_for_its_first_bad_section() {
         heights: height_tile(),
         densities: density_tile(),
         errors: error_tile(),
+        stamp: STAMP,
     };
     let good = tile.encode(ADDRESS);
     assert_eq!(TerrainTile::decode(&good, ADDRESS), Ok(tile.clone()));
     let sections = [
-        tile.heights.encode(ADDRESS),
-        tile.densities.encode(ADDRESS),
-        tile.errors.encode(ADDRESS),
+        tile.heights.encode(ADDRESS, STAMP),
+        tile.densities.encode(ADDRESS, STAMP),
+        tile.errors.encode(ADDRESS, STAMP),
     ];
     assert_eq!(good, sections.concat());
     let lengths = sections.map(|section| section.len());
@@ -130,8 +138,103 @@ fn a_tile_is_refused_for_its_first_bad_section() {
 }
 
 #[test]
+fn a_tile_put_together_from_two_terrains_is_refused() {
+    let (heights, densities, errors) = (height_tile(), density_tile(), error_tile());
+    let of = |stamps: [u32; 3]| {
+        let sections = [
+            heights.encode(ADDRESS, stamps[0]),
+            densities.encode(ADDRESS, stamps[1]),
+            errors.encode(ADDRESS, stamps[2]),
+        ];
+        TerrainTile::decode(&sections.concat(), ADDRESS)
+    };
+    assert_eq!(of([5, 5, 5]).expect("one terrain's").stamp, 5);
+    for (stamps, kind) in [([5, 6, 5], TileKind::Density), ([5, 5, 6], TileKind::Error)] {
+        let wanted = TileFormatError::MixedStamps {
+            kind,
+            found: 6,
+            wanted: 5,
+        };
+        assert_eq!(of(stamps), Err(wanted));
+    }
+}
+
+#[test]
+fn a_stamp_follows_from_size_and_scale_and_nothing_else() {
+    let plain = file([1000, 300]);
+    let mut other_densities = plain.clone();
+    other_densities.density.gain = 2.0;
+    other_densities.index_crc32 = 77;
+    assert_eq!(plain.stamp(), other_densities.stamp());
+    let mut bytes = Vec::new();
+    bytes.extend(1000_u32.to_le_bytes());
+    bytes.extend(300_u32.to_le_bytes());
+    for metres in [1.0_f64, -5.0, 0.1] {
+        bytes.extend(metres.to_le_bytes());
+    }
+    assert_eq!(plain.stamp(), crc32fast::hash(&bytes));
+    let changes: [fn(&mut ManifestFile); 5] = [
+        |file| file.size[0] += 1,
+        |file| file.size[1] += 1,
+        |file| file.spacing_m *= 2.0,
+        |file| file.height_min_m += 0.1,
+        |file| file.height_step_m *= 2.0,
+    ];
+    for change in changes {
+        let mut other = plain.clone();
+        change(&mut other);
+        assert_ne!(plain.stamp(), other.stamp(), "{other:?}");
+    }
+}
+
+#[test]
+fn a_tile_of_another_terrain_or_beyond_its_range_is_found_out() {
+    let file = file([1000, 300]);
+    let address = TileAddress::new(0, 2, 1);
+    let mut manifest = TerrainManifest {
+        index: TileIndex::new(&file),
+        file,
+    };
+    let mut tile = TerrainTile {
+        heights: height_tile(),
+        densities: density_tile(),
+        errors: error_tile(),
+        stamp: manifest.file.stamp(),
+    };
+    assert_eq!(
+        tile.check(&manifest, address),
+        Err(TileFormatError::NotInIndex)
+    );
+    let found = tile.heights.range();
+    manifest.index.set(address, Some(found));
+    assert_eq!(tile.check(&manifest, address), Ok(()));
+    for wanted in [
+        TileRange {
+            min: found.min + 1,
+            ..found
+        },
+        TileRange {
+            max: found.max - 1,
+            ..found
+        },
+    ] {
+        manifest.index.set(address, Some(wanted));
+        let refused = TileFormatError::Range { found, wanted };
+        assert_eq!(tile.check(&manifest, address), Err(refused));
+    }
+    tile.stamp ^= 1;
+    let error = tile.check(&manifest, address).expect_err("another stamp");
+    let message = format!(
+        "it belongs to another terrain (stamp {:08x} where terrain.ron has {:08x}); bake again",
+        tile.stamp,
+        manifest.file.stamp()
+    );
+    assert_eq!(error.to_string(), message);
+}
+
+#[test]
 fn no_bit_of_a_tile_can_change_without_notice() {
-    let bytes = density_tile().encode(ADDRESS);
+    let bytes = density_tile().encode(ADDRESS, STAMP);
     for at in 0..bytes.len() {
         let mut bytes = bytes.clone();
         bytes[at] ^= 1 << (at % 8);
@@ -147,7 +250,7 @@ fn no_bit_of_a_tile_can_change_without_notice() {
 
 #[test]
 fn a_refusal_names_what_was_found_and_what_was_wanted() {
-    let bytes = height_tile().encode(ADDRESS);
+    let bytes = height_tile().encode(ADDRESS, STAMP);
     let other = TileAddress::new(3, 70_000, 6);
     let error = HeightTile::decode(&bytes, other).expect_err("another tile");
     assert_eq!(
@@ -171,13 +274,13 @@ fn a_refusal_names_what_was_found_and_what_was_wanted() {
         "{message}"
     );
     let mut newer = bytes;
-    newer[8] = 2;
+    newer[8] = 3;
     let error = HeightTile::decode(&newer, ADDRESS).expect_err("another version");
     assert_eq!(
         error,
         TileFormatError::Version {
-            found: 2,
-            wanted: 1
+            found: 3,
+            wanted: 2
         }
     );
 }
@@ -213,7 +316,7 @@ fn an_index_is_read_as_it_was_written() {
 /// An index whose checksum is right, whatever it says.
 fn index_bytes(levels: u32, payload: &[u8]) -> Vec<u8> {
     let mut bytes = b"TSRINDX\0".to_vec();
-    for number in [1, levels, 0, 0, payload.len() as u32] {
+    for number in [2, levels, 0, 0, 0, payload.len() as u32] {
         bytes.extend_from_slice(&number.to_le_bytes());
     }
     let mut hasher = crc32fast::Hasher::new();
@@ -282,9 +385,9 @@ fn a_manifest_is_read_as_it_was_written_and_absurd_ones_are_refused() {
     };
     let format = replace("tessera-terrain", "other");
     assert!(matches!(format, ManifestError::Format { .. }), "{format}");
-    let version = replace("version: 3", "version: 2").to_string();
+    let version = replace("version: 4", "version: 3").to_string();
     assert!(
-        version.contains("version 3") && version.contains("version 2"),
+        version.contains("version 4") && version.contains("version 3"),
         "{version}"
     );
     for size in [
@@ -338,7 +441,7 @@ proptest! {
     ) {
         let _ = TileIndex::decode(&index_bytes(levels, &bytes));
         if magic && bytes.len() >= 12 {
-            bytes[..12].copy_from_slice(b"TSRHGHT\0\x01\0\0\0");
+            bytes[..12].copy_from_slice(b"TSRHGHT\0\x02\0\0\0");
         }
         prop_assert!(HeightTile::decode(&bytes, ADDRESS).is_err());
         prop_assert!(DensityTile::decode(&bytes, ADDRESS).is_err());

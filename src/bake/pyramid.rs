@@ -101,6 +101,8 @@ pub(super) struct Pyramid {
     dir: PathBuf,
     bytes: u64,
     sections: Sections,
+    /// The terrain's.
+    stamp: u32,
     /// What error bounds are made in, one for each thread that ever made some.
     scratches: Mutex<Vec<ErrorScratch>>,
 }
@@ -128,6 +130,7 @@ impl Pyramid {
             dir: dir.to_owned(),
             bytes: 0,
             sections,
+            stamp: file.stamp(),
             scratches: Mutex::default(),
         }
     }
@@ -293,6 +296,7 @@ impl Pyramid {
                     heights: &heights,
                     densities: densities.as_ref(),
                     errors: errors.get(at),
+                    stamp: self.stamp,
                 };
                 let bytes = tile.write(&self.dir, address)?;
                 Ok::<_, BakeError>((address, heights.range(), bytes))

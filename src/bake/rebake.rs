@@ -9,7 +9,7 @@ use crate::density::{
 use crate::terrain::{ManifestFile, TerrainManifest};
 use crate::tile::{
     DENSITY_BORDER, DENSITY_TEXELS, DensityTile, ErrorTile, HeightTile, TILE_SAMPLES, TileAddress,
-    TileFormatError, TileIndex, tile_path,
+    TileFormatError, TileIndex, of_terrain, tile_path,
 };
 use rayon::prelude::*;
 use std::path::Path;
@@ -83,6 +83,7 @@ pub fn rebake_densities(
             partial: partial.dir(),
             file: &file,
             index: &index,
+            stamp: file.stamp(),
             level,
             extent: DensityExtent::new(file.size, level),
             kernel: DensityKernel::new(settings, file.height_step_m, file.spacing_m, level),
@@ -109,6 +110,7 @@ struct Rebake<'a> {
     partial: &'a Path,
     file: &'a ManifestFile,
     index: &'a TileIndex,
+    stamp: u32,
     level: u8,
     extent: DensityExtent,
     kernel: DensityKernel,
@@ -207,7 +209,7 @@ impl Rebake<'_> {
             let quadrant = ((child.x & 1) + 2 * (child.z & 1)) as usize;
             covered[quadrant] = true;
             let densities: DensityTile = read(self.partial, &tile_path(child), |bytes| {
-                DensityTile::decode(bytes, child)
+                of_terrain(DensityTile::decode_stamped(bytes, child)?, self.stamp)
             })?;
             let (x, z) = (
                 (child.x & 1) as usize * TEXELS,
@@ -256,7 +258,8 @@ impl Rebake<'_> {
     }
 
     fn heights(&self, address: TileAddress) -> Result<HeightTile, BakeError> {
-        let decode = |bytes: &[u8]| HeightTile::decode(bytes, address);
+        let decode =
+            |bytes: &[u8]| of_terrain(HeightTile::decode_stamped(bytes, address)?, self.stamp);
         read(self.source, &tile_path(address), decode)
     }
 
@@ -271,14 +274,19 @@ impl Rebake<'_> {
             .map(|address| {
                 let densities = density_window(done, texels, address);
                 let both = |bytes: &[u8]| {
-                    let heights = HeightTile::decode(bytes, address)?;
-                    Ok((heights, ErrorTile::decode(bytes, address)?))
+                    let heights = HeightTile::decode_stamped(bytes, address)?;
+                    let errors = ErrorTile::decode_stamped(bytes, address)?;
+                    Ok((
+                        of_terrain(heights, self.stamp)?,
+                        of_terrain(errors, self.stamp)?,
+                    ))
                 };
                 let (heights, errors) = read(self.source, &tile_path(address), both)?;
                 let tile = writer::Tile {
                     heights: &heights,
                     densities: Some(&densities),
                     errors: Some(&errors),
+                    stamp: self.stamp,
                 };
                 let bytes = tile.write(self.partial, address)?;
                 let own = |at: u32, axis: usize| {

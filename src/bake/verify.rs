@@ -3,7 +3,7 @@
 use crate::terrain::{ManifestError, TerrainManifest};
 use crate::tile::{
     DENSITY_TEXELS, DensityTile, ERROR_SPACINGS, ErrorTile, HeightTile, TILE_SAMPLES, TileAddress,
-    TileFormatError, TileIndex, TileRange, tile_path,
+    TileFormatError, TileIndex, TileRange, of_terrain, tile_path,
 };
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -151,7 +151,7 @@ fn verify_level(
             .map(|x| TileAddress::new(level, x, z))
             .filter(|&address| terrain.index.get(address).is_some())
             .map(|address| {
-                let (contents, mut faults) = read_tile(dir, address);
+                let (contents, mut faults) = read_tile(dir, terrain.file.stamp(), address);
                 faults.extend(check_errors(dir, terrain, address, &contents));
                 advance(1);
                 (address, contents, faults)
@@ -193,7 +193,7 @@ fn verify_level(
     }
 }
 
-fn read_tile(dir: &Path, address: TileAddress) -> (Contents, Vec<Fault>) {
+fn read_tile(dir: &Path, stamp: u32, address: TileAddress) -> (Contents, Vec<Fault>) {
     let path = tile_path(address);
     let bytes = match std::fs::read(dir.join(&path)) {
         Ok(bytes) => bytes,
@@ -205,9 +205,12 @@ fn read_tile(dir: &Path, address: TileAddress) -> (Contents, Vec<Fault>) {
             );
         }
     };
-    let heights = HeightTile::decode(&bytes, address);
-    let densities = DensityTile::decode(&bytes, address);
-    let errors = ErrorTile::decode(&bytes, address);
+    let heights =
+        HeightTile::decode_stamped(&bytes, address).and_then(|read| of_terrain(read, stamp));
+    let densities =
+        DensityTile::decode_stamped(&bytes, address).and_then(|read| of_terrain(read, stamp));
+    let errors =
+        ErrorTile::decode_stamped(&bytes, address).and_then(|read| of_terrain(read, stamp));
     let mut reasons: Vec<TileFormatError> = heights.as_ref().err().cloned().into_iter().collect();
     for reason in [densities.as_ref().err(), errors.as_ref().err()]
         .into_iter()

@@ -220,17 +220,19 @@ pub(super) struct Tile<'a> {
     pub(super) heights: &'a HeightTile,
     pub(super) densities: Option<&'a DensityTile>,
     pub(super) errors: Option<&'a ErrorTile>,
+    /// The terrain's.
+    pub(super) stamp: u32,
 }
 
 impl Tile<'_> {
     /// Writes the tile's file; returns the number of bytes.
     pub(super) fn write(&self, dir: &Path, address: TileAddress) -> Result<u64, BakeError> {
-        let mut bytes = self.heights.encode(address);
+        let mut bytes = self.heights.encode(address, self.stamp);
         if let Some(densities) = self.densities {
-            bytes.extend(densities.encode(address));
+            bytes.extend(densities.encode(address, self.stamp));
         }
         if let Some(errors) = self.errors {
-            bytes.extend(errors.encode(address));
+            bytes.extend(errors.encode(address, self.stamp));
         }
         let path = dir.join(tile_path(address));
         fs::write(&path, &bytes).map_err(failed(&path))?;

@@ -15,6 +15,7 @@ use std::sync::{Mutex, OnceLock};
 /// every tile that there could be.
 pub(super) struct StoredTiles<'a> {
     dir: &'a Path,
+    manifest: &'a TerrainManifest,
     columns: Vec<u32>,
     levels: Vec<Vec<OnceLock<Option<Box<TerrainTile>>>>>,
     faults: Mutex<Vec<TileFault>>,
@@ -29,7 +30,7 @@ pub(super) struct TileFault {
 }
 
 impl<'a> StoredTiles<'a> {
-    pub fn new(dir: &'a Path, manifest: &TerrainManifest) -> Self {
+    pub fn new(dir: &'a Path, manifest: &'a TerrainManifest) -> Self {
         let sizes: Vec<[u32; 2]> = manifest
             .index
             .levels()
@@ -38,6 +39,7 @@ impl<'a> StoredTiles<'a> {
             .collect();
         Self {
             dir,
+            manifest,
             columns: sizes.iter().map(|size| size[0]).collect(),
             levels: sizes
                 .iter()
@@ -87,6 +89,7 @@ impl<'a> StoredTiles<'a> {
             .map_err(|error| format!("can't be read: {error}"))
             .and_then(|bytes| {
                 TerrainTile::decode(&bytes, address)
+                    .and_then(|tile| tile.check(self.manifest, address).map(|()| tile))
                     .map_err(|error| format!("can't be used: {error}"))
             });
         match read {

@@ -9,7 +9,7 @@ use thiserror::Error;
 /// What the manifest's `format` field must say.
 pub const MANIFEST_MAGIC: &str = "tessera-terrain";
 /// The manifest version that this crate writes and reads.
-pub const MANIFEST_VERSION: u32 = 3;
+pub const MANIFEST_VERSION: u32 = 4;
 /// Name of the manifest in a terrain's folder.
 pub const MANIFEST_FILE: &str = "terrain.ron";
 /// Name of the tile index in a terrain's folder.
@@ -69,6 +69,22 @@ impl ManifestFile {
             let leaf_tiles = samples.saturating_sub(1).div_ceil(TILE_SAMPLES).max(1);
             leaf_tiles.div_ceil(1_u32.checked_shl(level.into()).unwrap_or(u32::MAX))
         })
+    }
+
+    /// What tells the terrain's tiles from those of others: the CRC-32 of size, spacing, lowest
+    /// height and step of heights. Every tile holds it, so that a tile of another terrain is not
+    /// taken for one of this. Follows from what a bake knows before it begins, so that its parts
+    /// may be made apart; two terrains of the same scale have the same.
+    #[must_use]
+    pub fn stamp(&self) -> u32 {
+        let mut hasher = crc32fast::Hasher::new();
+        for samples in self.size {
+            hasher.update(&samples.to_le_bytes());
+        }
+        for metres in [self.spacing_m, self.height_min_m, self.height_step_m] {
+            hasher.update(&metres.to_le_bytes());
+        }
+        hasher.finalize()
     }
 
     /// How many units of stored [error bounds](crate::tile::ErrorTile) make a metre.

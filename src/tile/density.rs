@@ -65,11 +65,11 @@ impl DensityTile {
         self.texels[(row * side + column) as usize]
     }
 
-    /// The bytes of this tile's section: 32 of header, then the texels.
+    /// The bytes of this tile's section: 36 of header, then the texels.
     #[must_use]
-    pub fn encode(&self, address: TileAddress) -> Vec<u8> {
+    pub fn encode(&self, address: TileAddress, stamp: u32) -> Vec<u8> {
         let numbers = [u32::from(address.level), address.x, address.z];
-        let mut bytes = format::start(TileKind::Density, numbers, SIDE * SIDE);
+        let mut bytes = format::start(TileKind::Density, numbers, stamp, SIDE * SIDE);
         bytes.extend_from_slice(&self.texels);
         format::finish(bytes)
     }
@@ -80,9 +80,18 @@ impl DensityTile {
     /// Where the bytes are short, damaged, of another format or version, or another tile's than
     /// `expected`.
     pub fn decode(bytes: &[u8], expected: TileAddress) -> Result<Self, TileFormatError> {
-        let payload = format::open_tile(bytes, TileKind::Density, expected, SIDE * SIDE)?;
-        Ok(Self {
+        Self::decode_stamped(bytes, expected).map(|(tile, _)| tile)
+    }
+
+    /// [`decode`](Self::decode), with the stamp of the terrain that the section belongs to.
+    pub(crate) fn decode_stamped(
+        bytes: &[u8],
+        expected: TileAddress,
+    ) -> Result<(Self, u32), TileFormatError> {
+        let (stamp, payload) = format::open_tile(bytes, TileKind::Density, expected, SIDE * SIDE)?;
+        let tile = Self {
             texels: payload.into(),
-        })
+        };
+        Ok((tile, stamp))
     }
 }

@@ -61,11 +61,11 @@ impl ErrorTile {
         self.texels[row * OWN + column]
     }
 
-    /// The bytes of this tile's section: 32 of header, then the texels.
+    /// The bytes of this tile's section: 36 of header, then the texels.
     #[must_use]
-    pub fn encode(&self, address: TileAddress) -> Vec<u8> {
+    pub fn encode(&self, address: TileAddress, stamp: u32) -> Vec<u8> {
         let numbers = [u32::from(address.level), address.x, address.z];
-        let mut bytes = format::start(TileKind::Error, numbers, OWN * OWN * BYTES);
+        let mut bytes = format::start(TileKind::Error, numbers, stamp, OWN * OWN * BYTES);
         bytes.extend_from_slice(self.texels.as_flattened());
         format::finish(bytes)
     }
@@ -76,11 +76,21 @@ impl ErrorTile {
     /// Where the bytes are short, damaged, of another format or version, or another tile's than
     /// `expected`.
     pub fn decode(bytes: &[u8], expected: TileAddress) -> Result<Self, TileFormatError> {
-        let payload = format::open_tile(bytes, TileKind::Error, expected, OWN * OWN * BYTES)?;
+        Self::decode_stamped(bytes, expected).map(|(tile, _)| tile)
+    }
+
+    /// [`decode`](Self::decode), with the stamp of the terrain that the section belongs to.
+    pub(crate) fn decode_stamped(
+        bytes: &[u8],
+        expected: TileAddress,
+    ) -> Result<(Self, u32), TileFormatError> {
+        let (stamp, payload) =
+            format::open_tile(bytes, TileKind::Error, expected, OWN * OWN * BYTES)?;
         let (texels, _) = payload.as_chunks::<BYTES>();
-        Ok(Self {
+        let tile = Self {
             texels: texels.into(),
-        })
+        };
+        Ok((tile, stamp))
     }
 }
 

@@ -7,21 +7,23 @@
 //!     12     4  level     (index: number of levels)
 //!     16     4  x         (index: 0)
 //!     20     4  z         (index: 0)
-//!     24     4  length of the payload in bytes
-//!     28     4  CRC-32 (IEEE) of bytes 0..28 and the payload
-//!     32        payload
+//!     24     4  stamp of the terrain that the tile belongs to (index: 0)
+//!     28     4  length of the payload in bytes
+//!     32     4  CRC-32 (IEEE) of bytes 0..32 and the payload
+//!     36        payload
 //! ```
 //!
 //! All numbers are little endian. The checksum covers the header too, so that a tile that was
-//! copied over another one is found out even where both hold the same heights.
+//! copied over another one is found out even where both hold the same heights. The
+//! [stamp](crate::terrain::ManifestFile::stamp) does the same for tiles of another terrain.
 
-use super::TileAddress;
+use super::{TileAddress, TileRange};
 use thiserror::Error;
 
 /// Bytes before the payload.
-pub(crate) const HEADER_LEN: usize = 32;
+pub(crate) const HEADER_LEN: usize = 36;
 /// The version that this crate writes and reads, for every kind of file.
-pub(crate) const FORMAT_VERSION: u32 = 1;
+pub(crate) const FORMAT_VERSION: u32 = 2;
 
 /// The kinds of binary files in a terrain's folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -104,6 +106,48 @@ pub enum TileFormatError {
         /// The tile that was asked for.
         wanted: TileAddress,
     },
+    /// A good tile, but another terrain's.
+    #[error(
+        "it belongs to another terrain (stamp {found:08x} where terrain.ron has {wanted:08x}); \
+         bake again"
+    )]
+    Stamp {
+        /// Stamp found in the tile.
+        found: u32,
+        /// [Stamp](crate::terrain::ManifestFile::stamp) of the terrain.
+        wanted: u32,
+    },
+    /// The tile's file was put together from two terrains' tiles.
+    #[error(
+        "its {} belongs to another terrain (stamp {found:08x} where its heights have \
+         {wanted:08x}); bake again",
+        kind.name()
+    )]
+    MixedStamps {
+        /// The section.
+        kind: TileKind,
+        /// The section's stamp.
+        found: u32,
+        /// Stamp of the first section.
+        wanted: u32,
+    },
+    /// A tile with heights that the index doesn't promise.
+    #[error(
+        "its heights reach from {} to {} where tiles.index has {} to {}; bake again",
+        found.min,
+        found.max,
+        wanted.min,
+        wanted.max
+    )]
+    Range {
+        /// Where the tile's heights reach.
+        found: TileRange,
+        /// Where the index has them reach, children's included.
+        wanted: TileRange,
+    },
+    /// A tile that the terrain's index doesn't have.
+    #[error("tiles.index has no such tile; bake again")]
+    NotInIndex,
     /// More or fewer bytes than this kind of file has.
     #[error("its payload has {found} bytes where {wanted} belong")]
     Length {
@@ -146,13 +190,14 @@ fn u32_at(bytes: &[u8], at: usize) -> u32 {
 
 /// Starts a file of `kind`: a header whose length and checksum [`finish`] fills in, with room for
 /// `payload` bytes behind it.
-pub(crate) fn start(kind: TileKind, address: [u32; 3], payload: usize) -> Vec<u8> {
+pub(crate) fn start(kind: TileKind, address: [u32; 3], stamp: u32, payload: usize) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(HEADER_LEN + payload);
     bytes.extend_from_slice(&kind.magic());
     bytes.extend_from_slice(&FORMAT_VERSION.to_le_bytes());
     for number in address {
         bytes.extend_from_slice(&number.to_le_bytes());
     }
+    bytes.extend_from_slice(&stamp.to_le_bytes());
     bytes.extend_from_slice(&[0; 8]);
     bytes
 }
@@ -160,15 +205,15 @@ pub(crate) fn start(kind: TileKind, address: [u32; 3], payload: usize) -> Vec<u8
 /// Writes length and checksum into the header, the payload being complete.
 pub(crate) fn finish(mut bytes: Vec<u8>) -> Vec<u8> {
     let payload = u32::try_from(bytes.len() - HEADER_LEN).unwrap_or(u32::MAX);
-    bytes[24..28].copy_from_slice(&payload.to_le_bytes());
+    bytes[28..32].copy_from_slice(&payload.to_le_bytes());
     let checksum = checksum(&bytes);
-    bytes[28..32].copy_from_slice(&checksum.to_le_bytes());
+    bytes[32..36].copy_from_slice(&checksum.to_le_bytes());
     bytes
 }
 
 fn checksum(bytes: &[u8]) -> u32 {
     let mut hasher = crc32fast::Hasher::new();
-    hasher.update(&bytes[..28]);
+    hasher.update(&bytes[..32]);
     hasher.update(&bytes[HEADER_LEN..]);
     hasher.finalize()
 }
@@ -178,7 +223,7 @@ fn checksum(bytes: &[u8]) -> u32 {
 pub(crate) fn section(bytes: &[u8], kind: TileKind) -> &[u8] {
     let mut rest = bytes;
     while rest.len() > HEADER_LEN {
-        let length = HEADER_LEN + u32_at(rest, 24) as usize;
+        let length = HEADER_LEN + u32_at(rest, 28) as usize;
         let known = |magic: &[u8]| {
             [TileKind::Height, TileKind::Density, TileKind::Error]
                 .iter()
@@ -202,8 +247,16 @@ pub(crate) fn section(bytes: &[u8], kind: TileKind) -> &[u8] {
     }
 }
 
-/// Checks everything but the address and returns the header's three numbers and the payload.
-pub(crate) fn open(bytes: &[u8], kind: TileKind) -> Result<([u32; 3], &[u8]), TileFormatError> {
+/// What a file says when it is sound.
+pub(crate) struct Opened<'a> {
+    /// The header's three numbers.
+    pub(crate) numbers: [u32; 3],
+    pub(crate) stamp: u32,
+    pub(crate) payload: &'a [u8],
+}
+
+/// Checks everything but the address and the stamp.
+pub(crate) fn open(bytes: &[u8], kind: TileKind) -> Result<Opened<'_>, TileFormatError> {
     // The magic comes first, as far as there is one: an empty file is short, a text file is
     // another format, whatever its length.
     if let Some(found) = bytes.first_chunk::<8>()
@@ -228,31 +281,34 @@ pub(crate) fn open(bytes: &[u8], kind: TileKind) -> Result<([u32; 3], &[u8]), Ti
         });
     }
     let payload = &bytes[HEADER_LEN..];
-    let promised = u32_at(bytes, 24);
+    let promised = u32_at(bytes, 28);
     if payload.len() as u64 != u64::from(promised) {
         return Err(TileFormatError::Length {
             found: payload.len() as u64,
             wanted: u64::from(promised),
         });
     }
-    let (found, wanted) = (checksum(bytes), u32_at(bytes, 28));
+    let (found, wanted) = (checksum(bytes), u32_at(bytes, 32));
     if found != wanted {
         return Err(TileFormatError::Checksum { found, wanted });
     }
-    Ok((
-        [u32_at(bytes, 12), u32_at(bytes, 16), u32_at(bytes, 20)],
+    Ok(Opened {
+        numbers: [u32_at(bytes, 12), u32_at(bytes, 16), u32_at(bytes, 20)],
+        stamp: u32_at(bytes, 24),
         payload,
-    ))
+    })
 }
 
 /// [`open`] for a tile: also checks that it is the `wanted` one and has `length` payload bytes.
+/// Returns its stamp and its payload.
 pub(crate) fn open_tile(
     bytes: &[u8],
     kind: TileKind,
     wanted: TileAddress,
     length: usize,
-) -> Result<&[u8], TileFormatError> {
-    let ([level, x, z], payload) = open(section(bytes, kind), kind)?;
+) -> Result<(u32, &[u8]), TileFormatError> {
+    let opened = open(section(bytes, kind), kind)?;
+    let ([level, x, z], payload) = (opened.numbers, opened.payload);
     let found = TileAddress::new(u8::try_from(level).unwrap_or(u8::MAX), x, z);
     if found != wanted || level != u32::from(wanted.level) {
         return Err(TileFormatError::Address { found, wanted });
@@ -263,5 +319,15 @@ pub(crate) fn open_tile(
             wanted: length as u64,
         });
     }
-    Ok(payload)
+    Ok((opened.stamp, payload))
+}
+
+/// A tile, or a part of one, that was read with its stamp, if it belongs to the terrain of the
+/// stamp `wanted`.
+pub(crate) fn of_terrain<T>((tile, found): (T, u32), wanted: u32) -> Result<T, TileFormatError> {
+    if found == wanted {
+        Ok(tile)
+    } else {
+        Err(TileFormatError::Stamp { found, wanted })
+    }
 }

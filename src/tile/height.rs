@@ -76,11 +76,11 @@ impl HeightTile {
         range
     }
 
-    /// The bytes of this tile's section: 32 of header, then the samples, little endian.
+    /// The bytes of this tile's section: 36 of header, then the samples, little endian.
     #[must_use]
-    pub fn encode(&self, address: TileAddress) -> Vec<u8> {
+    pub fn encode(&self, address: TileAddress, stamp: u32) -> Vec<u8> {
         let numbers = [u32::from(address.level), address.x, address.z];
-        let mut bytes = format::start(TileKind::Height, numbers, SIDE * SIDE * 2);
+        let mut bytes = format::start(TileKind::Height, numbers, stamp, SIDE * SIDE * 2);
         bytes.extend(self.samples.iter().flat_map(|s| s.to_le_bytes()));
         format::finish(bytes)
     }
@@ -91,12 +91,22 @@ impl HeightTile {
     /// Where the bytes are short, damaged, of another format or version, or another tile's than
     /// `expected`.
     pub fn decode(bytes: &[u8], expected: TileAddress) -> Result<Self, TileFormatError> {
-        let payload = format::open_tile(bytes, TileKind::Height, expected, SIDE * SIDE * 2)?;
-        Ok(Self {
+        Self::decode_stamped(bytes, expected).map(|(tile, _)| tile)
+    }
+
+    /// [`decode`](Self::decode), with the stamp of the terrain that the section belongs to.
+    pub(crate) fn decode_stamped(
+        bytes: &[u8],
+        expected: TileAddress,
+    ) -> Result<(Self, u32), TileFormatError> {
+        let (stamp, payload) =
+            format::open_tile(bytes, TileKind::Height, expected, SIDE * SIDE * 2)?;
+        let tile = Self {
             samples: payload
                 .chunks_exact(2)
                 .map(|pair| u16::from_le_bytes([pair[0], pair[1]]))
                 .collect(),
-        })
+        };
+        Ok((tile, stamp))
     }
 }

@@ -150,7 +150,12 @@ impl TileIndex {
     pub fn encode(&self) -> Vec<u8> {
         let tiles: usize = self.levels.iter().map(|level| level.ranges.len()).sum();
         let numbers = [self.levels.len() as u32, 0, 0];
-        let mut bytes = format::start(TileKind::Index, numbers, tiles * 4 + self.levels.len() * 8);
+        let mut bytes = format::start(
+            TileKind::Index,
+            numbers,
+            0,
+            tiles * 4 + self.levels.len() * 8,
+        );
         for level in &self.levels {
             for count in level.tiles {
                 bytes.extend_from_slice(&count.to_le_bytes());
@@ -169,7 +174,8 @@ impl TileIndex {
     /// Where the bytes are short, damaged, of another format or version, or describe levels that
     /// no terrain has. Nothing is allocated before the promised sizes have been checked.
     pub fn decode(bytes: &[u8]) -> Result<Self, TileFormatError> {
-        let ([count, ..], mut payload) = format::open(bytes, TileKind::Index)?;
+        let opened = format::open(bytes, TileKind::Index)?;
+        let ([count, ..], mut payload) = (opened.numbers, opened.payload);
         if count == 0 || count > u32::from(MAX_LEVELS) {
             return Err(TileFormatError::LevelCount {
                 found: count,

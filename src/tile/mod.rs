@@ -17,6 +17,7 @@ mod whole;
 pub use address::TileAddress;
 pub use density::DensityTile;
 pub use error::{ERROR_UNIT, ErrorTile, decode_error, encode_error};
+pub(crate) use format::of_terrain;
 pub use format::{TileFormatError, TileKind};
 pub use height::HeightTile;
 pub use index::{LevelIndex, TileIndex, TileRange};
@@ -32,17 +33,19 @@ pub fn tile_path(address: TileAddress) -> String {
 }
 
 /// The bytes of a tile's file: its heights' section, its densities', and that of its error bounds.
-/// One file and not three, because on many disks a file costs more than what is in it.
+/// One file and not three, because on many disks a file costs more than what is in it. `stamp` is
+/// that of the terrain, [`ManifestFile::stamp`](crate::terrain::ManifestFile::stamp).
 #[must_use]
 pub fn encode_tile(
     address: TileAddress,
+    stamp: u32,
     heights: &HeightTile,
     densities: &DensityTile,
     errors: &ErrorTile,
 ) -> Vec<u8> {
-    let mut bytes = heights.encode(address);
-    bytes.extend(densities.encode(address));
-    bytes.extend(errors.encode(address));
+    let mut bytes = heights.encode(address, stamp);
+    bytes.extend(densities.encode(address, stamp));
+    bytes.extend(errors.encode(address, stamp));
     bytes
 }
 

@@ -59,7 +59,7 @@ pub fn write_terrain(dir: &Path, size: [u32; 2]) -> ManifestFile {
                 let densities = DensityTile::from_samples(texels.into()).expect("35 x 35");
                 write(
                     &dir.join(tile_path(address)),
-                    &encode_tile(address, &tile, &densities, &ErrorTile::flat()),
+                    &encode_tile(address, file.stamp(), &tile, &densities, &ErrorTile::flat()),
                 );
             }
         }

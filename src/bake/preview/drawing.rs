@@ -4,7 +4,7 @@ use super::{MARK, PreviewError, PreviewKind, PreviewSettings};
 use crate::terrain::{ManifestFile, TerrainManifest};
 use crate::tile::{
     DENSITY_CELL, DENSITY_TEXELS, DensityTile, HeightTile, TILE_SAMPLES, TileAddress,
-    TileFormatError, tile_path,
+    TileFormatError, of_terrain, tile_path,
 };
 use png::{BitDepth, ColorType, Compression, Encoder, SrgbRenderingIntent};
 use rayon::prelude::*;
@@ -222,6 +222,7 @@ impl<'a> Drawing<'a> {
     /// Reads what the given tiles of the row `z` are drawn from.
     fn patches(&mut self, columns: std::ops::Range<u32>, z: u32) -> Vec<Patch> {
         let index = &self.terrain.index;
+        let stamp = self.terrain.file.stamp();
         let tiles: Vec<(TileAddress, Option<TileAddress>)> = columns
             .map(|x| {
                 let tile = TileAddress::new(self.level, x, z);
@@ -235,7 +236,7 @@ impl<'a> Drawing<'a> {
         let sources: Vec<(TileAddress, Contents, Vec<String>)> = sources
             .into_par_iter()
             .map(|source| {
-                let (contents, faults) = read_tile(self.dir, self.kind, source);
+                let (contents, faults) = read_tile(self.dir, self.kind, stamp, source);
                 (source, contents, faults)
             })
             .collect();
@@ -359,7 +360,12 @@ fn density_colour(density: u8) -> [f64; 3] {
 }
 
 /// Reads what the kind of preview needs of a tile; what is wrong with it in sentences.
-fn read_tile(dir: &Path, kind: PreviewKind, tile: TileAddress) -> (Contents, Vec<String>) {
+fn read_tile(
+    dir: &Path,
+    kind: PreviewKind,
+    stamp: u32,
+    tile: TileAddress,
+) -> (Contents, Vec<String>) {
     let path = tile_path(tile);
     let mut faults = Vec::new();
     let mut faulty =
@@ -374,11 +380,13 @@ fn read_tile(dir: &Path, kind: PreviewKind, tile: TileAddress) -> (Contents, Vec
     }
     let mut damaged = |reason: TileFormatError| faulty(format!("used: {reason}"));
     if kind != PreviewKind::Density {
-        let heights = HeightTile::decode(&bytes, tile);
+        let heights =
+            HeightTile::decode_stamped(&bytes, tile).and_then(|heights| of_terrain(heights, stamp));
         contents.heights = heights.map_err(&mut damaged).ok();
     }
     if kind != PreviewKind::Relief {
-        let densities = DensityTile::decode(&bytes, tile);
+        let densities = DensityTile::decode_stamped(&bytes, tile)
+            .and_then(|densities| of_terrain(densities, stamp));
         contents.densities = densities.map_err(&mut damaged).ok();
     }
     (contents, faults)
