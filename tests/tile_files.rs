@@ -232,6 +232,13 @@ fn a_tile_of_another_terrain_or_beyond_its_range_is_found_out() {
     assert_eq!(error.to_string(), message);
 }
 
+#[cfg(not(feature = "archive"))]
+#[test]
+fn a_packed_tile_is_refused_with_what_to_enable() {
+    let error = TerrainTile::decode(b"TSRPACK\0\x01\0\0\0", ADDRESS).expect_err("packed");
+    assert!(error.to_string().contains("feature `archive`"), "{error}");
+}
+
 #[test]
 fn no_bit_of_a_tile_can_change_without_notice() {
     let bytes = density_tile().encode(ADDRESS, STAMP);

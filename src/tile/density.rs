@@ -3,6 +3,7 @@
 use super::{
     DENSITY_BORDER, DENSITY_STORED, DENSITY_TEXELS, TileAddress, TileFormatError, TileKind, format,
 };
+use std::sync::Arc;
 
 const SIDE: usize = DENSITY_STORED as usize;
 const OWN: usize = DENSITY_TEXELS as usize;
@@ -15,7 +16,8 @@ const BORDER: i32 = DENSITY_BORDER as i32;
 /// `4 x ..= 4 x + 4` by `4 z ..= 4 z + 4`. Texels beyond the terrain repeat the edge.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DensityTile {
-    texels: Box<[u8]>,
+    /// Shared by all clones until one is changed.
+    texels: Arc<[u8]>,
 }
 
 impl DensityTile {
@@ -23,7 +25,9 @@ impl DensityTile {
     /// fewer.
     #[must_use]
     pub fn from_samples(texels: Box<[u8]>) -> Option<Self> {
-        (texels.len() == SIDE * SIDE).then_some(Self { texels })
+        (texels.len() == SIDE * SIDE).then(|| Self {
+            texels: texels.into(),
+        })
     }
 
     /// All texels, row by row, border included.
@@ -35,7 +39,7 @@ impl DensityTile {
     /// All texels, to be changed; those that neighbours hold too must change there as well.
     #[must_use]
     pub fn samples_mut(&mut self) -> &mut [u8] {
-        &mut self.texels
+        Arc::make_mut(&mut self.texels)
     }
 
     /// The tile's own 32 × 32 texels, row by row, without the border.

@@ -1,6 +1,7 @@
 //! Bounds on what triangles leave of one tile's ground.
 
 use super::{DENSITY_TEXELS, ERROR_SPACINGS, TileAddress, TileFormatError, TileKind, format};
+use std::sync::Arc;
 
 const OWN: usize = DENSITY_TEXELS as usize;
 const BYTES: usize = 8;
@@ -17,14 +18,17 @@ const BYTES: usize = 8;
 /// Takes 8 KiB.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ErrorTile {
-    texels: Box<[[u8; BYTES]]>,
+    /// Shared by all clones until one is changed.
+    texels: Arc<[[u8; BYTES]]>,
 }
 
 impl ErrorTile {
     /// A tile of 32 × 32 `texels` in row order; `None` where there are more or fewer.
     #[must_use]
     pub fn from_texels(texels: Box<[[u8; BYTES]]>) -> Option<Self> {
-        (texels.len() == OWN * OWN).then_some(Self { texels })
+        (texels.len() == OWN * OWN).then(|| Self {
+            texels: texels.into(),
+        })
     }
 
     /// The tile of ground without any relief: all bounds are 0.
@@ -44,7 +48,7 @@ impl ErrorTile {
     /// All texels, to be changed.
     #[must_use]
     pub fn texels_mut(&mut self) -> &mut [[u8; BYTES]] {
-        &mut self.texels
+        Arc::make_mut(&mut self.texels)
     }
 
     /// The texel in column `x` and row `z`, `0..32` each.

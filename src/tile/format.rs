@@ -148,6 +148,14 @@ pub enum TileFormatError {
     /// A tile that the terrain's index doesn't have.
     #[error("tiles.index has no such tile; bake again")]
     NotInIndex,
+    /// A packed tile that can't be unpacked.
+    #[cfg(feature = "archive")]
+    #[error(transparent)]
+    Packed(super::PackError),
+    /// A packed tile, in a program that can't unpack it.
+    #[cfg(not(feature = "archive"))]
+    #[error("it is packed, which this program can't read: enable bevy_tessera's feature `archive`")]
+    PackedUnsupported,
     /// More or fewer bytes than this kind of file has.
     #[error("its payload has {found} bytes where {wanted} belong")]
     Length {

@@ -4,6 +4,7 @@ use super::{
     TILE_BORDER, TILE_SAMPLES, TILE_STORED, TileAddress, TileFormatError, TileKind, TileRange,
     format,
 };
+use std::sync::Arc;
 
 const SIDE: usize = TILE_STORED as usize;
 const BORDER: i32 = TILE_BORDER as i32;
@@ -16,7 +17,8 @@ const BORDER: i32 = TILE_BORDER as i32;
 /// [`ManifestFile::height_m`]: crate::terrain::ManifestFile::height_m
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HeightTile {
-    samples: Box<[u16]>,
+    /// Shared by all clones until one is changed.
+    samples: Arc<[u16]>,
 }
 
 impl HeightTile {
@@ -24,7 +26,9 @@ impl HeightTile {
     /// or fewer.
     #[must_use]
     pub fn from_samples(samples: Box<[u16]>) -> Option<Self> {
-        (samples.len() == SIDE * SIDE).then_some(Self { samples })
+        (samples.len() == SIDE * SIDE).then(|| Self {
+            samples: samples.into(),
+        })
     }
 
     /// All samples, row by row, borders included.
@@ -39,7 +43,7 @@ impl HeightTile {
     /// changes it there as well, or the surface tears.
     #[must_use]
     pub fn samples_mut(&mut self) -> &mut [u16] {
-        &mut self.samples
+        Arc::make_mut(&mut self.samples)
     }
 
     /// The sample in column `x` and row `z`, counted from the tile's first own sample: own samples

@@ -76,7 +76,7 @@ impl AssetLoader for TerrainTileLoader {
 }
 
 /// The address that a path `.../{level}/{x}_{z}.{extension}` names.
-fn address_of(path: &Path) -> Option<TileAddress> {
+pub(crate) fn address_of(path: &Path) -> Option<TileAddress> {
     let level = path.parent()?.file_name()?.to_str()?.parse().ok()?;
     let (x, z) = path.file_stem()?.to_str()?.split_once('_')?;
     Some(TileAddress::new(level, x.parse().ok()?, z.parse().ok()?))

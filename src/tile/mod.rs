@@ -12,6 +12,8 @@ mod height;
 mod index;
 #[cfg(feature = "ecs")]
 mod loader;
+#[cfg(feature = "archive")]
+mod packed;
 mod whole;
 
 pub use address::TileAddress;
@@ -21,9 +23,14 @@ pub(crate) use format::of_terrain;
 pub use format::{TileFormatError, TileKind};
 pub use height::HeightTile;
 pub use index::{LevelIndex, TileIndex, TileRange};
+#[cfg(all(feature = "ecs", feature = "archive"))]
+pub(crate) use loader::address_of;
 #[cfg(feature = "ecs")]
 pub use loader::{TerrainTileLoader, TileLoadError};
+#[cfg(feature = "archive")]
+pub use packed::PackError;
 pub use whole::TerrainTile;
+pub(crate) use whole::is_packed;
 
 /// The file in a terrain's folder that holds a tile.
 #[must_use]

@@ -5,6 +5,14 @@ use super::{
 };
 use crate::terrain::TerrainManifest;
 
+/// What packed tiles start with.
+pub(super) const PACK_MAGIC: [u8; 8] = *b"TSRPACK\0";
+
+/// Whether bytes are those of a packed tile, as far as their start tells.
+pub(crate) fn is_packed(bytes: &[u8]) -> bool {
+    bytes.starts_with(&PACK_MAGIC)
+}
+
 /// One tile: what its file holds, and what streaming loads.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "ecs", derive(bevy::asset::Asset, bevy::reflect::TypePath))]
@@ -32,13 +40,20 @@ impl TerrainTile {
         )
     }
 
-    /// Reads what [`encode`](Self::encode) wrote.
+    /// Reads what [`encode`](Self::encode) wrote or, with the feature `archive`, what `pack` did,
+    /// whose address nothing vouches for but where it was found.
     ///
     /// # Errors
-    /// Where a section is missing, short, damaged, of another format or version, another tile's
+    /// Where what is packed can't be unpacked, and where a section is missing, short, damaged, of another format or version, another tile's
     /// than `expected`, or of another terrain than the first; the first such section in the file's
     /// order is named.
     pub fn decode(bytes: &[u8], expected: TileAddress) -> Result<Self, TileFormatError> {
+        if is_packed(bytes) {
+            #[cfg(feature = "archive")]
+            return Self::unpack(bytes).map_err(TileFormatError::Packed);
+            #[cfg(not(feature = "archive"))]
+            return Err(TileFormatError::PackedUnsupported);
+        }
         let (heights, stamp) = HeightTile::decode_stamped(bytes, expected)?;
         let same = |kind, found| {
             let wanted = stamp;
