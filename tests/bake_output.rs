@@ -349,7 +349,7 @@ fn verify_names_every_damaged_tile() {
     assert_eq!(code, Some(1));
     for (tile, cause) in [
         ("0/0_0", "starts with"),
-        ("0/1_0", "version 9 where this program reads version 1"),
+        ("0/1_0", "version 9 where this program reads version 2"),
         ("0/2_0", "checksum"),
         ("0/3_0", "bytes"),
         ("0/0_1", "ends after 0 bytes"),

@@ -533,3 +533,47 @@ fn preview_draws_what_it_is_asked_for() {
         ["picture.png", "source.png", "terrain"]
     );
 }
+
+#[test]
+fn what_is_no_terrains_folder_is_called_what_it_is() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let place = |name: &str| path(folder.path(), name);
+    let (source, part, file) = (place("a.r16"), place("part"), place("b.pmtiles"));
+    let (empty, none, picture) = (place("empty"), place("none"), place("c.png"));
+    std::fs::write(&source, vec![7; 150 * 130 * 2]).expect("writable");
+    let bake = ["bake", &source, "--size", "150x130", "--out"];
+    run(&[&bake[..], &[&part, "--shard", "1/2"]].concat());
+    run(&[&bake[..], &[&file, "--archive"]].concat());
+    std::fs::create_dir(&empty).expect("a folder");
+    let commands: [&[&str]; 4] = [
+        &["density"],
+        &["preview", "--out", &picture],
+        &["mesh", "--out", &picture, "--eye", "1,1,1"],
+        &["pack", "--out", &picture],
+    ];
+    for (dir, cause) in [
+        (&part, "it is a part of one; join all parts"),
+        (
+            &file,
+            "it is a file; if it is an archive, make a folder of it with `tessera unpack`",
+        ),
+        (&empty, "there is no terrain.ron in it; give"),
+        (&none, "there is nothing there; give"),
+    ] {
+        let wanted = format!("{dir} is no terrain that can be used: {cause}");
+        for command in commands {
+            let message = refused(&[command, &[dir]].concat());
+            assert!(message.contains(&wanted), "{command:?}: {message}");
+        }
+        // These two look at archives too.
+        for command in ["verify", "inspect"] {
+            let shown = command == "inspect" && dir == &part || dir == &file;
+            if !shown {
+                let message = refused(&[command, dir]);
+                assert!(message.contains(&wanted), "{command}: {message}");
+            }
+        }
+    }
+    let message = refused(&["unpack", &part, "--out", &none]);
+    assert!(message.contains("is a folder, not an archive"), "{message}");
+}

@@ -19,6 +19,9 @@
 //! # Error bounds
 //! Each tile's follow from the stored heights of its level on it and around it, see
 //! [`error_bound`](crate::error_bound), and from its children's, which they don't fall below.
+//!
+//! # Parts
+//! What one machine can't bake, several can: see [`shard`].
 
 mod fill;
 #[cfg(feature = "generate")]
@@ -31,7 +34,9 @@ mod pyramid;
 mod quantise;
 mod rebake;
 mod report;
+pub mod shard;
 mod source;
+mod span;
 mod verify;
 mod writer;
 
@@ -40,19 +45,22 @@ pub use preview::{PreviewError, PreviewKind, PreviewReport, PreviewSettings, pre
 pub use rebake::{DensityReport, rebake_densities};
 pub use report::{BakeError, BakeProgress, BakeReport, BakeStage};
 pub use source::{CodeMapping, HeightSource, MemorySource, SourceError};
+#[cfg(feature = "archive")]
+pub use verify::verify_archive;
 pub use verify::{Fault, VerifyReport, verify};
 
 use crate::density::DensitySettings;
-use crate::terrain::{
-    INDEX_FILE, MANIFEST_FILE, MANIFEST_MAGIC, MANIFEST_VERSION, ManifestFile, check_size,
-};
+use crate::terrain::{MANIFEST_MAGIC, MANIFEST_VERSION, ManifestFile, check_size};
 use pyramid::{Pyramid, Sections};
-use quantise::Quantiser;
+use quantise::{BandReader, Bands, Quantiser};
+use span::Span;
 use std::ops::RangeInclusive;
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use writer::PartialTerrain;
 pub use writer::put_right;
+#[cfg(feature = "archive")]
+pub(crate) use writer::{FolderWriter, partial_path};
 
 pub use pyramid::tent_row;
 
@@ -113,6 +121,13 @@ impl Default for BakeSettings {
 }
 
 impl BakeSettings {
+    /// Rows of a band of a source of `size` samples.
+    fn rows_at_once(&self, size: [u32; 2]) -> u32 {
+        self.band_rows
+            .unwrap_or_else(|| (BAND_SAMPLES as u32 / size[0]).max(MIN_BAND_ROWS))
+            .clamp(1, size[1])
+    }
+
     /// Checks what doesn't need the source.
     fn validate(&self) -> Result<(), BakeError> {
         let within = |value: f64| value.is_finite() && value.abs() <= MAX_HEIGHT_M;
@@ -150,6 +165,54 @@ pub fn bake(
     progress: &dyn BakeProgress,
 ) -> Result<BakeReport, BakeError> {
     let start = Instant::now();
+    let spacing_m = check(source, settings)?;
+    // Before any work, so that a forgotten --force doesn't cost an hour.
+    writer::prepare(out, settings.force)?;
+    let mut plan = Plan::make(source, settings, spacing_m, progress)?;
+
+    let partial = PartialTerrain::create(out, &plan.manifest)?;
+    let sections = Sections {
+        densities: !settings.leave_out_densities,
+        errors: !settings.leave_out_errors,
+    };
+    let span = Span::whole(&plan.manifest);
+    let mut pyramid = Pyramid::new(&plan.manifest, &span, partial.dir(), sections);
+    let bands = Bands {
+        rows: span.rows,
+        at_once: settings.rows_at_once(plan.manifest.size),
+        unit: u32::MAX,
+    };
+    let mut clamped = 0;
+    stream(
+        source,
+        &plan,
+        bands,
+        &mut pyramid,
+        progress,
+        &mut |_, band| {
+            clamped += band.clamped;
+            Ok::<_, BakeError>(())
+        },
+    )?;
+    let (mut index, bytes) = pyramid.finish();
+    index.cover_children();
+    let tiles = index.iter().count() as u64;
+    let bytes = bytes + partial.write_index(&mut plan.manifest, &index)?;
+    progress.stage(BakeStage::Finish, 0);
+    partial.carry_over(&writer::is_ours)?;
+    partial.publish(settings.force)?;
+
+    Ok(BakeReport {
+        tiles,
+        bytes,
+        clamped,
+        elapsed: start.elapsed(),
+        ..plan.report()
+    })
+}
+
+/// Checks what can be checked before the source is read; returns the distance between samples.
+fn check(source: &dyn HeightSource, settings: &BakeSettings) -> Result<f64, BakeError> {
     settings.validate()?;
     let size = source.size();
     check_size(size).map_err(|_| BakeError::Size {
@@ -160,113 +223,130 @@ pub fn bake(
     if !SPACING_RANGE_M.contains(&spacing_m) {
         return Err(BakeError::Spacing { found: spacing_m });
     }
-    // Before any work, so that a forgotten --force doesn't cost an hour.
-    writer::prepare(out, settings.force)?;
+    Ok(spacing_m)
+}
 
-    let survey = fill::survey(source, settings.height_range_m.is_none(), progress)?;
-    if survey.no_data == u64::from(size[0]) * u64::from(size[1]) {
-        return Err(BakeError::AllNoData {
-            name: source.name(),
-        });
-    }
-    let range = match (&settings.height_range_m, survey.heights_m) {
-        (Some(range), _) => range.clone(),
-        (None, Some((low, high))) => {
-            let (low, high) = (low - settings.headroom_m, high + settings.headroom_m);
-            // Flat ground without headroom would have no height at all between its bounds.
-            low..=high.max(low + 1.0)
-        }
-        (None, None) => {
+/// What a bake knows before it makes its first tile: all that depends on the whole source.
+struct Plan {
+    survey: fill::Survey,
+    fill: fill::Fill,
+    range: RangeInclusive<f64>,
+    quantiser: Quantiser,
+    /// The terrain's, but for the index's checksum.
+    manifest: ManifestFile,
+}
+
+impl Plan {
+    /// Reads the source as often as it takes.
+    fn make(
+        source: &mut dyn HeightSource,
+        settings: &BakeSettings,
+        spacing_m: f64,
+        progress: &dyn BakeProgress,
+    ) -> Result<Self, BakeError> {
+        let size = source.size();
+        let survey = fill::survey(source, settings.height_range_m.is_none(), progress)?;
+        if survey.no_data == u64::from(size[0]) * u64::from(size[1]) {
             return Err(BakeError::AllNoData {
                 name: source.name(),
             });
         }
-    };
-    let fill = fill::Fill::build(source, &survey, progress)?;
+        let range = match (&settings.height_range_m, survey.heights_m) {
+            (Some(range), _) => range.clone(),
+            (None, Some((low, high))) => {
+                let (low, high) = (low - settings.headroom_m, high + settings.headroom_m);
+                // Flat ground without headroom would have no height at all between its bounds.
+                low..=high.max(low + 1.0)
+            }
+            (None, None) => {
+                return Err(BakeError::AllNoData {
+                    name: source.name(),
+                });
+            }
+        };
+        let fill = fill::Fill::build(source, &survey, progress)?;
+        let quantiser = Quantiser::new(&range, source.codes());
+        let manifest = ManifestFile {
+            format: MANIFEST_MAGIC.to_owned(),
+            version: MANIFEST_VERSION,
+            size,
+            spacing_m,
+            height_min_m: quantiser.low_m(),
+            height_step_m: quantiser.step_m(),
+            levels: ManifestFile::levels_for(size),
+            density: settings.density.clone(),
+            index_crc32: 0,
+        };
+        manifest
+            .validate()
+            .map_err(|reason| BakeError::Manifest { reason })?;
+        Ok(Self {
+            survey,
+            fill,
+            range,
+            quantiser,
+            manifest,
+        })
+    }
 
-    let quantiser = Quantiser::new(&range, source.codes());
-    let mut manifest = ManifestFile {
-        format: MANIFEST_MAGIC.to_owned(),
-        version: MANIFEST_VERSION,
-        size,
-        spacing_m,
-        height_min_m: quantiser.low_m(),
-        height_step_m: quantiser.step_m(),
-        levels: ManifestFile::levels_for(size),
-        density: settings.density.clone(),
-        index_crc32: 0,
-    };
-    manifest
-        .validate()
-        .map_err(|reason| BakeError::Manifest { reason })?;
-
-    let partial = PartialTerrain::create(out, &manifest)?;
-    let sections = Sections {
-        densities: !settings.leave_out_densities,
-        errors: !settings.leave_out_errors,
-    };
-    let mut pyramid = Pyramid::new(&manifest, partial.dir(), sections);
-    let rows = settings
-        .band_rows
-        .unwrap_or_else(|| (BAND_SAMPLES as u32 / size[0]).max(MIN_BAND_ROWS))
-        .clamp(1, size[1]);
-    let clamped = stream(source, &fill, &quantiser, &mut pyramid, rows, progress)?;
-    let (mut index, bytes) = pyramid.finish();
-    index.cover_children();
-    let tiles = index.iter().count() as u64;
-    let bytes = bytes + partial.write_index(&mut manifest, &index)?;
-    progress.stage(BakeStage::Finish, 0);
-    // The last two are those of version 1.
-    let ours = [MANIFEST_FILE, INDEX_FILE, "tile", "height", "density"];
-    partial.carry_over(&|path| ours.iter().any(|name| path == Path::new(name)))?;
-    partial.publish(settings.force)?;
-
-    Ok(BakeReport {
-        size,
-        levels: manifest.levels,
-        tiles,
-        bytes,
-        spacing_m,
-        height_range_m: range,
-        height_step_m: manifest.height_step_m,
-        source_range_m: survey.heights_m,
-        clamped,
-        filled: survey.no_data,
-        fill_block: fill.block(),
-        elapsed: start.elapsed(),
-    })
+    /// A report of what is known before the first tile.
+    fn report(&self) -> BakeReport {
+        BakeReport {
+            size: self.manifest.size,
+            levels: self.manifest.levels,
+            tiles: 0,
+            bytes: 0,
+            spacing_m: self.manifest.spacing_m,
+            height_range_m: self.range.clone(),
+            height_step_m: self.manifest.height_step_m,
+            source_range_m: self.survey.heights_m,
+            clamped: 0,
+            filled: self.survey.no_data,
+            fill_block: self.fill.block(),
+            elapsed: Duration::ZERO,
+        }
+    }
 }
 
-/// Pushes the whole source through the pyramid, reading the next band while one is worked on.
-/// Returns how many samples were clamped.
-fn stream(
+/// What is said of a band that has gone through the pyramid.
+struct BandDone {
+    first_row: u32,
+    /// Samples that were clamped.
+    clamped: u64,
+}
+
+/// Pushes rows of the source through the pyramid, reading the next band while one is worked on.
+/// After each band, `done` hears of it.
+fn stream<E: From<BakeError> + Send>(
     source: &mut dyn HeightSource,
-    fill: &fill::Fill,
-    quantiser: &Quantiser,
+    plan: &Plan,
+    bands: Bands,
     pyramid: &mut Pyramid,
-    rows: u32,
     progress: &dyn BakeProgress,
-) -> Result<u64, BakeError> {
-    let [width, height] = source.size();
-    source.rewind()?;
-    let mut reader = quantise::BandReader::new(source, fill, quantiser, rows);
-    progress.stage(BakeStage::Bake, u64::from(width) * u64::from(height));
-    let mut clamped = 0;
+    done: &mut (dyn FnMut(&Pyramid, BandDone) -> Result<(), E> + Send),
+) -> Result<(), E> {
+    let width = u64::from(source.size()[0]);
+    let rows = u64::from(bands.rows.end - bands.rows.start);
+    let mut reader = BandReader::new(source, &plan.fill, &plan.quantiser, bands)?;
+    progress.stage(BakeStage::Bake, width * rows);
     let mut next = reader.read()?;
     while let Some(band) = next {
         let samples = band.samples();
         let (read, worked) = rayon::join(
             || reader.read(),
-            || -> Result<u64, BakeError> {
-                let converted = quantiser.convert(&band);
-                let clamped = converted.clamped;
+            || -> Result<BandDone, BakeError> {
+                let converted = plan.quantiser.convert(&band);
+                let done = BandDone {
+                    first_row: band.first_row,
+                    clamped: converted.clamped,
+                };
                 pyramid.push(converted)?;
-                Ok(clamped)
+                Ok(done)
             },
         );
-        clamped += worked?;
+        done(pyramid, worked?)?;
         next = read?;
         progress.advance(samples);
     }
-    Ok(clamped)
+    Ok(())
 }

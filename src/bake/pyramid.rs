@@ -1,6 +1,7 @@
 //! The pyramid of levels, from bands of level 0 to finished tiles.
 
 use super::quantise::ConvertedBand;
+use super::span::{LevelSpan, Span, density_reach};
 use super::{BakeError, writer};
 use crate::density::{
     DensityKernel, DensityRows, DensityScratch, DensitySettings, coarser_row, densities, spread_row,
@@ -9,7 +10,7 @@ use crate::error_bound::{ERROR_REACH, ErrorScratch, cover_finer, tile_errors};
 use crate::terrain::ManifestFile;
 use crate::tile::{
     DENSITY_BORDER, DENSITY_CELL, DENSITY_STORED, DENSITY_TEXELS, DensityTile, ErrorTile,
-    HeightTile, TILE_BORDER, TILE_SAMPLES, TILE_STORED, TileAddress, TileIndex,
+    HeightTile, TILE_BORDER, TILE_SAMPLES, TILE_STORED, TileAddress, TileIndex, TileRange,
 };
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -24,8 +25,13 @@ pub(super) struct Rows<T> {
 
 impl<T> Rows<T> {
     pub(super) fn new() -> Self {
+        Self::starting_at(0)
+    }
+
+    /// None yet; the first that comes is row `first`.
+    fn starting_at(first: u32) -> Self {
         Self {
-            first: 0,
+            first,
             rows: VecDeque::new(),
         }
     }
@@ -64,6 +70,22 @@ struct Level {
     /// not fall below.
     errors: Rows<[u8; 8]>,
     next_tile_row: u32,
+    /// One past the last row of tiles that is written.
+    end_tile_row: u32,
+}
+
+/// A row of tiles of a level that others are made of.
+pub(super) struct GivenTiles {
+    /// Which row.
+    pub(super) z: u32,
+    /// The tiles' own rows of heights; behind the last row of tiles, also the level's last.
+    pub(super) heights: Vec<Vec<u16>>,
+    /// The tiles' own rows of densities, as far as the level has some.
+    pub(super) densities: Vec<Vec<u8>>,
+    /// The tiles' error bounds, their children's covered.
+    pub(super) errors: Vec<ErrorTile>,
+    /// The tiles' heights from the lowest to the highest.
+    pub(super) ranges: Vec<TileRange>,
 }
 
 /// Which sections tiles get besides heights.
@@ -83,16 +105,19 @@ impl Level {
         } else {
             TILE_BORDER
         };
-        z < self.tiles[1]
+        z < self.end_tile_row
             && self.heights.end() > last_row.min(TILE_SAMPLES * (z + 1) + below)
             && (!sections.densities
                 || self.densities.end() > last_texel.min(DENSITY_TEXELS * (z + 1) + DENSITY_BORDER))
     }
 }
 
-/// Takes rows of level 0 and writes tiles of all levels as soon as their rows are complete.
+/// Takes rows of its first level (level 0, but for what is merged) and writes tiles of all levels as
+/// soon as their rows are complete.
 pub(super) struct Pyramid {
+    /// From level `base` on.
     levels: Vec<Level>,
+    base: u8,
     /// Densities of level 0 before they spread.
     unspread: Rows<u8>,
     density: DensitySettings,
@@ -108,22 +133,25 @@ pub(super) struct Pyramid {
 }
 
 impl Pyramid {
-    pub(super) fn new(file: &ManifestFile, dir: &Path, sections: Sections) -> Self {
-        let level = |level| {
+    /// Makes what `span` says of the terrain that `file` describes, into the folder `dir`.
+    pub(super) fn new(file: &ManifestFile, span: &Span, dir: &Path, sections: Sections) -> Self {
+        let level = |(span, level): (&LevelSpan, u8)| {
             let samples = file.samples(level);
             Level {
                 samples,
                 texels: samples.map(|count| (count - 1).div_ceil(DENSITY_CELL)),
                 tiles: file.tiles(level),
-                heights: Rows::new(),
-                densities: Rows::new(),
-                errors: Rows::new(),
-                next_tile_row: 0,
+                heights: Rows::starting_at(span.first_height),
+                densities: Rows::starting_at(span.first_density),
+                errors: Rows::starting_at(DENSITY_TEXELS / 2 * span.tile_rows.start),
+                next_tile_row: span.tile_rows.start,
+                end_tile_row: span.tile_rows.end,
             }
         };
         Self {
-            levels: (0..file.levels).map(level).collect(),
-            unspread: Rows::new(),
+            levels: span.levels.iter().zip(span.base..).map(level).collect(),
+            base: span.base,
+            unspread: Rows::starting_at(span.first_unspread),
             density: file.density.clone(),
             kernel: DensityKernel::new(&file.density, file.height_step_m, file.spacing_m, 0),
             index: TileIndex::new(file),
@@ -141,7 +169,7 @@ impl Pyramid {
         debug_assert!(
             self.levels
                 .iter()
-                .all(|level| level.next_tile_row == level.tiles[1]),
+                .all(|level| level.next_tile_row == level.end_tile_row),
             "every row of tiles is written"
         );
         (self.index, self.bytes)
@@ -154,6 +182,39 @@ impl Pyramid {
             self.make_densities();
             self.spread_densities();
         }
+        self.go_on()
+    }
+
+    /// Takes the next row of tiles of the first level, whose files are there already, and does all
+    /// that it makes possible.
+    pub(super) fn push_tiles(&mut self, row: GivenTiles) -> Result<(), BakeError> {
+        for (x, range) in (0..).zip(&row.ranges) {
+            let address = TileAddress::new(self.base, x, row.z);
+            self.index.set(address, Some(*range));
+        }
+        let level = &mut self.levels[0];
+        level.heights.extend(row.heights);
+        level.densities.extend(row.densities);
+        if self.levels.len() > 1 {
+            let level = &mut self.levels[0];
+            let rows = pairs_below(level.texels, row.z, &row.errors);
+            level.errors.extend(rows);
+        }
+        self.go_on()
+    }
+
+    /// Says that a tile below the first level is there already.
+    pub(super) fn set(&mut self, address: TileAddress, range: TileRange) {
+        self.index.set(address, Some(range));
+    }
+
+    /// One past the last row of tiles of the coarsest level that is written; all tiles below it are.
+    pub(super) fn rows_done(&self) -> u32 {
+        self.levels.last().map_or(0, |level| level.next_tile_row)
+    }
+
+    /// Makes all that the first level's rows make possible.
+    fn go_on(&mut self) -> Result<(), BakeError> {
         for level in 1..self.levels.len() {
             self.make_level(level);
         }
@@ -271,7 +332,7 @@ impl Pyramid {
     fn write_tiles(&mut self) -> Result<(), BakeError> {
         let sections = self.sections;
         let mut ready = Vec::new();
-        for (level, number) in self.levels.iter_mut().zip(0u8..) {
+        for (level, number) in self.levels.iter_mut().zip(self.base..) {
             while level.tile_row_ready(sections) {
                 let z = level.next_tile_row;
                 ready.extend((0..level.tiles[0]).map(|x| TileAddress::new(number, x, z)));
@@ -287,7 +348,7 @@ impl Pyramid {
             .into_par_iter()
             .enumerate()
             .map(|(at, address)| {
-                let level = &self.levels[usize::from(address.level)];
+                let level = &self.levels[usize::from(address.level - self.base)];
                 let heights = height_window(level, address);
                 let densities = sections
                     .densities
@@ -323,7 +384,7 @@ impl Pyramid {
                         .unwrap_or_else(PoisonError::into_inner)
                 };
                 let mut scratch = lock().pop().unwrap_or_default();
-                let level = &self.levels[usize::from(address.level)];
+                let level = &self.levels[usize::from(address.level - self.base)];
                 let first = address.first_sample();
                 let row = |z: u32| level.heights.row(z);
                 let errors = tile_errors(level.samples, [first.0, first.1], row, &mut scratch);
@@ -333,7 +394,7 @@ impl Pyramid {
             .collect();
         let mut rest = (ready, errors.as_mut_slice());
         while let Some(first) = rest.0.first() {
-            let number = usize::from(first.level);
+            let number = usize::from(first.level - self.base);
             let columns = self.levels[number].tiles[0] as usize;
             let (addresses, tiles);
             ((addresses, rest.0), (tiles, rest.1)) =
@@ -371,13 +432,27 @@ impl Pyramid {
             } else {
                 TILE_BORDER
             };
+            // Rows behind a strip's last tile only lead to coarser ones.
+            let of_tiles = |rows: u32, before: u32| {
+                if tile_row < level.end_tile_row {
+                    (rows * tile_row).saturating_sub(before)
+                } else {
+                    u32::MAX
+                }
+            };
+            let of_densities = if number == 0 && self.base == 0 && self.sections.densities {
+                (DENSITY_CELL * self.unspread.end()).saturating_sub(1)
+            } else {
+                u32::MAX
+            };
             let heights = height_done
-                .min((TILE_SAMPLES * tile_row).saturating_sub(above))
+                .min(of_tiles(TILE_SAMPLES, above))
+                .min(of_densities)
                 .min(level.samples[1] - 2);
-            level.heights.drop_before(heights);
             let densities = density_done
-                .min((DENSITY_TEXELS * tile_row).saturating_sub(DENSITY_BORDER))
+                .min(of_tiles(DENSITY_TEXELS, DENSITY_BORDER))
                 .min(level.texels[1] - 1);
+            level.heights.drop_before(heights);
             level.densities.drop_before(densities);
         }
     }
@@ -421,7 +496,7 @@ pub(super) fn spread_rows(
     unspread: &mut Rows<u8>,
     done: &mut Rows<u8>,
 ) {
-    let reach = settings.reach().max(settings.border_reach());
+    let reach = density_reach(settings);
     let first = done.end();
     let mut end = first;
     while end < rows && unspread.end() > (rows - 1).min(end + reach) {

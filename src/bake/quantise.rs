@@ -3,10 +3,12 @@
 use super::fill::Fill;
 use super::{BakeError, CodeMapping, HeightSource, MAX_HEIGHT_M};
 use rayon::prelude::*;
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 /// Rows as a source gives them.
 pub(super) struct RawBand {
+    /// The source's row that comes first.
+    pub(super) first_row: u32,
     width: usize,
     values: RawValues,
 }
@@ -37,37 +39,59 @@ pub(super) struct ConvertedBand {
 pub(super) struct BandReader<'a> {
     source: &'a mut dyn HeightSource,
     fill: &'a Fill,
-    rows: u32,
+    bands: Bands,
     next_row: u32,
     as_codes: bool,
 }
 
+/// Which rows of a source are read, and how many at once.
+#[derive(Clone, Debug)]
+pub(super) struct Bands {
+    pub(super) rows: Range<u32>,
+    /// The most rows of a band.
+    pub(super) at_once: u32,
+    /// No band reaches over a multiple of so many rows.
+    pub(super) unit: u32,
+}
+
 impl<'a> BandReader<'a> {
+    /// Goes to the first of the rows.
     pub(super) fn new(
         source: &'a mut dyn HeightSource,
         fill: &'a Fill,
         quantiser: &Quantiser,
-        rows: u32,
-    ) -> Self {
+        bands: Bands,
+    ) -> Result<Self, BakeError> {
+        source.rewind()?;
+        if bands.rows.start > 0 {
+            source.skip_rows(bands.rows.start)?;
+        }
         // What has to be filled in is no code.
         let as_codes = quantiser.codes.is_some() && fill.is_empty();
-        Self {
+        Ok(Self {
             source,
             fill,
-            rows,
-            next_row: 0,
+            next_row: bands.rows.start,
+            bands,
             as_codes,
-        }
+        })
     }
 
     /// The next rows, or `None` after the last.
     pub(super) fn read(&mut self) -> Result<Option<RawBand>, BakeError> {
-        let [width, height] = self.source.size();
-        let rows = self.rows.min(height - self.next_row) as usize;
+        let first_row = self.next_row;
+        let Bands {
+            rows,
+            at_once,
+            unit,
+        } = &self.bands;
+        let rows = (*at_once)
+            .min(rows.end - first_row)
+            .min(unit - first_row % unit) as usize;
         if rows == 0 {
             return Ok(None);
         }
-        let width = width as usize;
+        let width = self.source.size()[0] as usize;
         let values = if self.as_codes {
             let mut values = vec![0_u16; rows * width];
             for row in values.chunks_exact_mut(width) {
@@ -84,7 +108,11 @@ impl<'a> BandReader<'a> {
             RawValues::Metres(values)
         };
         self.next_row += rows as u32;
-        Ok(Some(RawBand { width, values }))
+        Ok(Some(RawBand {
+            first_row,
+            width,
+            values,
+        }))
     }
 }
 

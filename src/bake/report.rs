@@ -20,6 +20,12 @@ pub enum BakeStage {
     Bake,
     /// Making densities anew; counted in tiles.
     Density,
+    /// Checking the tiles of parts that are merged, or gone on with; counted in tiles.
+    Merge,
+    /// Packing tiles into an archive; counted in tiles.
+    Pack,
+    /// Unpacking tiles of an archive; counted in tiles.
+    Unpack,
     /// Putting the finished terrain in its place.
     Finish,
 }

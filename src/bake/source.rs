@@ -42,6 +42,22 @@ pub trait HeightSource: Send {
     /// Where the source can't be read, or has no more rows.
     fn read_row(&mut self, row: &mut [f32]) -> Result<(), SourceError>;
 
+    /// Passes over the next `rows` rows, whose samples nobody wants: a part of a bake starts in the
+    /// middle. Reads them unless the source knows better.
+    ///
+    /// # Errors
+    /// Where the source can't be read, or has fewer rows; a source that doesn't read them may say
+    /// so with the next row instead.
+    fn skip_rows(&mut self, rows: u32) -> Result<(), SourceError> {
+        let width = self.size()[0] as usize;
+        if self.codes().is_some() {
+            let mut row = vec![0; width];
+            return (0..rows).try_for_each(|_| self.read_codes(&mut row));
+        }
+        let mut row = vec![0.0; width];
+        (0..rows).try_for_each(|_| self.read_row(&mut row))
+    }
+
     /// How codes become metres, for a source whose samples are whole numbers of at most 16 bits.
     /// Reading those is several times as fast.
     fn codes(&self) -> Option<CodeMapping> {
@@ -160,6 +176,11 @@ impl HeightSource for MemorySource {
 
     fn rewind(&mut self) -> Result<(), SourceError> {
         self.next_row = 0;
+        Ok(())
+    }
+
+    fn skip_rows(&mut self, rows: u32) -> Result<(), SourceError> {
+        self.next_row += rows as usize;
         Ok(())
     }
 

@@ -2,8 +2,8 @@
 
 use crate::terrain::{ManifestError, TerrainManifest};
 use crate::tile::{
-    DENSITY_TEXELS, DensityTile, ERROR_SPACINGS, ErrorTile, HeightTile, TILE_SAMPLES, TileAddress,
-    TileFormatError, TileIndex, TileRange, of_terrain, tile_path,
+    DENSITY_TEXELS, DensityTile, ERROR_SPACINGS, ErrorTile, HeightTile, TILE_SAMPLES, TerrainTile,
+    TileAddress, TileFormatError, TileIndex, TileRange, is_packed, of_terrain, tile_path,
 };
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -106,10 +106,44 @@ impl fmt::Display for Fault {
 
 /// One tile's contents, as far as they could be read.
 #[derive(Default)]
-struct Contents {
-    heights: Option<HeightTile>,
-    densities: Option<DensityTile>,
-    errors: Option<ErrorTile>,
+pub(super) struct Contents {
+    pub(super) heights: Option<HeightTile>,
+    pub(super) densities: Option<DensityTile>,
+    pub(super) errors: Option<ErrorTile>,
+}
+
+/// Where a terrain's tiles are read from.
+trait Tiles: Sync {
+    /// The bytes of a tile.
+    fn read(&self, address: TileAddress) -> Result<Vec<u8>, String>;
+}
+
+/// Tiles in a folder.
+impl Tiles for Path {
+    fn read(&self, address: TileAddress) -> Result<Vec<u8>, String> {
+        std::fs::read(self.join(tile_path(address))).map_err(|error| error.to_string())
+    }
+}
+
+#[cfg(feature = "archive")]
+impl Tiles for crate::archive::TerrainArchive {
+    fn read(&self, address: TileAddress) -> Result<Vec<u8>, String> {
+        match self.tile(address) {
+            Ok(Some(bytes)) => Ok(bytes),
+            Ok(None) => Err("it is not there".to_owned()),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+}
+
+/// [`verify`] for a terrain in an archive, whose manifest and index are known to be good.
+#[cfg(feature = "archive")]
+#[must_use]
+pub fn verify_archive(
+    archive: &crate::archive::TerrainArchive,
+    advance: &(dyn Fn(u64) + Sync),
+) -> VerifyReport {
+    verify_tiles(archive, archive.terrain(), advance)
 }
 
 /// Checks every tile of the terrain in the folder `dir`: that its files are there, have the right
@@ -124,20 +158,28 @@ struct Contents {
 /// Where the manifest or the index can't be used, without which there are no tiles to speak of.
 pub fn verify(dir: &Path, advance: &(dyn Fn(u64) + Sync)) -> Result<VerifyReport, ManifestError> {
     let terrain = TerrainManifest::read(dir)?;
+    Ok(verify_tiles(dir, &terrain, advance))
+}
+
+fn verify_tiles<T: Tiles + ?Sized>(
+    tiles: &T,
+    terrain: &TerrainManifest,
+    advance: &(dyn Fn(u64) + Sync),
+) -> VerifyReport {
     let mut report = VerifyReport::default();
     let root = TileAddress::new(terrain.file.levels - 1, 0, 0);
     if terrain.index.get(root).is_none() {
         report.faults.push((root, Fault::NoRoot));
     }
     for level in 0..terrain.file.levels {
-        verify_level(dir, &terrain, level, &mut report, advance);
+        verify_level(tiles, terrain, level, &mut report, advance);
     }
     report.faults.sort_by_key(|(address, _)| *address);
-    Ok(report)
+    report
 }
 
-fn verify_level(
-    dir: &Path,
+fn verify_level<T: Tiles + ?Sized>(
+    tiles: &T,
     terrain: &TerrainManifest,
     level: u8,
     report: &mut VerifyReport,
@@ -151,8 +193,8 @@ fn verify_level(
             .map(|x| TileAddress::new(level, x, z))
             .filter(|&address| terrain.index.get(address).is_some())
             .map(|address| {
-                let (contents, mut faults) = read_tile(dir, terrain.file.stamp(), address);
-                faults.extend(check_errors(dir, terrain, address, &contents));
+                let (contents, mut faults) = read_tile(tiles, terrain.file.stamp(), address);
+                faults.extend(check_errors(tiles, terrain, address, &contents));
                 advance(1);
                 (address, contents, faults)
             })
@@ -193,18 +235,36 @@ fn verify_level(
     }
 }
 
-fn read_tile(dir: &Path, stamp: u32, address: TileAddress) -> (Contents, Vec<Fault>) {
+fn read_tile<T: Tiles + ?Sized>(
+    tiles: &T,
+    stamp: u32,
+    address: TileAddress,
+) -> (Contents, Vec<Fault>) {
     let path = tile_path(address);
-    let bytes = match std::fs::read(dir.join(&path)) {
+    let bytes = match tiles.read(address) {
         Ok(bytes) => bytes,
         Err(reason) => {
-            let reason = reason.to_string();
             return (
                 Contents::default(),
                 vec![Fault::Unreadable { path, reason }],
             );
         }
     };
+    if is_packed(&bytes) {
+        let tile = TerrainTile::decode(&bytes, address)
+            .and_then(|tile| of_terrain(((), tile.stamp), stamp).map(|()| tile));
+        return match tile {
+            Ok(tile) => {
+                let contents = Contents {
+                    heights: Some(tile.heights),
+                    densities: Some(tile.densities),
+                    errors: Some(tile.errors),
+                };
+                (contents, Vec::new())
+            }
+            Err(reason) => (Contents::default(), vec![Fault::Format { path, reason }]),
+        };
+    }
     let heights =
         HeightTile::decode_stamped(&bytes, address).and_then(|read| of_terrain(read, stamp));
     let densities =
@@ -236,8 +296,8 @@ fn read_tile(dir: &Path, stamp: u32, address: TileAddress) -> (Contents, Vec<Fau
 }
 
 /// Checks a tile's error bounds: in themselves, and against those of its children that can be read.
-fn check_errors(
-    dir: &Path,
+fn check_errors<T: Tiles + ?Sized>(
+    tiles: &T,
     terrain: &TerrainManifest,
     address: TileAddress,
     contents: &Contents,
@@ -254,9 +314,13 @@ fn check_errors(
     let stored = |child: &TileAddress| terrain.index.get(*child).is_some();
     for child in address.children().into_iter().flatten().filter(stored) {
         // What is wrong with the child is said of the child.
-        let finer = std::fs::read(dir.join(tile_path(child)))
-            .ok()
-            .and_then(|bytes| ErrorTile::decode(&bytes, child).ok());
+        let finer = tiles.read(child).ok().and_then(|bytes| {
+            if is_packed(&bytes) {
+                let tile = TerrainTile::decode(&bytes, child).ok();
+                return tile.map(|tile| tile.errors);
+            }
+            ErrorTile::decode(&bytes, child).ok()
+        });
         if finer.is_some_and(|finer| !covers(errors, child, &finer)) {
             faults.push(Fault::ErrorBelowChild { child });
         }
@@ -301,7 +365,7 @@ fn covering_range(index: &TileIndex, address: TileAddress, heights: &HeightTile)
 }
 
 /// Compares what two neighbouring tiles both hold. `step` leads from the first to the second.
-fn check_seam(
+pub(super) fn check_seam(
     address: TileAddress,
     contents: &Contents,
     neighbour: TileAddress,

@@ -14,6 +14,9 @@ const PARTIAL: &str = ".tessera-partial-";
 /// The same for a terrain that was moved aside to be replaced.
 const OLD: &str = ".tessera-old-";
 
+/// How long a folder stands in its place before watchers are told of it.
+const WATCHERS_DELAY: std::time::Duration = std::time::Duration::from_millis(200);
+
 /// Numbers the bakes of this process, so that two of them never share a folder.
 static BAKES: AtomicU32 = AtomicU32::new(0);
 
@@ -162,6 +165,11 @@ impl PartialTerrain {
         if replaces {
             // The new terrain stands; what can't be removed now, the next bake removes.
             let _ = fs::remove_dir_all(&self.old);
+            // Whoever watches the files of a running program is told of files that were written,
+            // not of a folder that was renamed, and watches the new one only after a moment.
+            std::thread::sleep(WATCHERS_DELAY);
+            let manifest = self.out.join(MANIFEST_FILE);
+            let _ = fs::OpenOptions::new().append(true).open(manifest);
         }
         // A rename is on disk when its folder is. Not every system can sync a folder.
         let _ = fs::File::open(&self.parent).and_then(|folder| folder.sync_all());
@@ -238,6 +246,56 @@ impl Tile<'_> {
         fs::write(&path, &bytes).map_err(failed(&path))?;
         Ok(bytes.len() as u64)
     }
+}
+
+/// Whether what lies at `path` below a terrain's folder is a part of the terrain.
+pub(super) fn is_ours(path: &Path) -> bool {
+    // The last two are those of version 1.
+    let ours = [MANIFEST_FILE, INDEX_FILE, "tile", "height", "density"];
+    ours.iter().any(|name| path == Path::new(name))
+}
+
+/// A terrain whose files are known as they are, being written beside the folder where it will lie.
+#[cfg(feature = "archive")]
+pub(crate) struct FolderWriter {
+    partial: PartialTerrain,
+    force: bool,
+}
+
+#[cfg(feature = "archive")]
+impl FolderWriter {
+    /// Makes the folder, with room for every level, where it may take `out`'s place.
+    pub(crate) fn create(
+        out: &Path,
+        manifest: &ManifestFile,
+        force: bool,
+    ) -> Result<Self, BakeError> {
+        prepare(out, force)?;
+        let partial = PartialTerrain::create(out, manifest)?;
+        Ok(Self { partial, force })
+    }
+
+    /// Writes a file at `path` below the folder.
+    pub(crate) fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), BakeError> {
+        let path = self.partial.dir().join(path);
+        fs::write(&path, bytes).map_err(failed(&path))
+    }
+
+    /// Puts the finished terrain in its place.
+    pub(crate) fn publish(self) -> Result<(), BakeError> {
+        self.partial.carry_over(&is_ours)?;
+        self.partial.publish(self.force)
+    }
+}
+
+/// A path beside `out` that [`put_right`] clears away once this process is gone.
+#[cfg(feature = "archive")]
+pub(crate) fn partial_path(out: &Path, what: &str) -> Result<PathBuf, BakeError> {
+    let (parent, name) = split(out)?;
+    let mut file = OsString::from(".");
+    file.push(&name);
+    file.push(format!("{PARTIAL}{}-{what}", std::process::id()));
+    Ok(parent.join(file))
 }
 
 /// Which terrain lies in a folder, to tell whether another has taken its place.

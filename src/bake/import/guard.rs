@@ -81,6 +81,10 @@ impl HeightSource for Guarded {
         self.run(|source| source.read_row(row))
     }
 
+    fn skip_rows(&mut self, rows: u32) -> Result<(), SourceError> {
+        self.run(|source| source.skip_rows(rows))
+    }
+
     fn codes(&self) -> Option<CodeMapping> {
         self.inner.codes()
     }

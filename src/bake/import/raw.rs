@@ -130,6 +130,13 @@ impl HeightSource for Raw {
             .map_err(|reason| SourceError::new(self.name(), reason.to_string()))
     }
 
+    fn skip_rows(&mut self, rows: u32) -> Result<(), SourceError> {
+        let bytes = i64::from(rows) * self.bytes.len() as i64;
+        self.reader
+            .seek_relative(bytes)
+            .map_err(|reason| SourceError::new(self.name(), reason.to_string()))
+    }
+
     fn read_row(&mut self, row: &mut [f32]) -> Result<(), SourceError> {
         self.read_bytes()?;
         if let Some(codes) = self.codes() {

@@ -390,6 +390,11 @@ impl HeightSource for TiffSource {
         Ok(())
     }
 
+    fn skip_rows(&mut self, rows: u32) -> Result<(), SourceError> {
+        self.next_row = self.next_row.saturating_add(rows);
+        Ok(())
+    }
+
     fn read_row(&mut self, row: &mut [f32]) -> Result<(), SourceError> {
         let first = self.hold()?;
         let codes = self.codes();

@@ -1,9 +1,12 @@
 //! `tessera bake`.
 
+use crate::archive::print_report as print_packed;
 use crate::density::DensityArgs;
 use crate::progress::Bar;
 use crate::text::{metres, peak_memory_mib, range, rounded, size};
+use bevy_tessera::archive;
 use bevy_tessera::bake::import::{self, ImportSettings, Packing};
+use bevy_tessera::bake::shard::{self, PartFile, Shard, ShardReport};
 use bevy_tessera::bake::{self, BakeError, BakeReport, BakeSettings, HeightSource};
 use bevy_tessera::density::DensitySettings;
 use clap::Args;
@@ -17,9 +20,14 @@ use std::process::ExitCode;
 pub struct BakeArgs {
     /// The height map.
     input: PathBuf,
-    /// The terrain's folder, which will be made.
+    /// The terrain's folder, which will be made; with --archive the archive's file, with --shard the
+    /// part's folder.
     #[arg(long, short, value_name = "DIR")]
     out: PathBuf,
+    /// Bake part I of N only, counted from 1, for `tessera merge` to join: every machine bakes one
+    /// from the same file with the same options. Started again, it goes on where it was stopped.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
     /// Metres between samples; what the file says, or 1, unless given.
     #[arg(long, value_name = "METRES", allow_hyphen_values = true)]
     spacing_m: Option<f64>,
@@ -56,6 +64,23 @@ pub struct BakeArgs {
     big_endian: bool,
     #[command(flatten)]
     density: DensityArgs,
+    /// Make an archive, one file that ends in .pmtiles, instead of a folder. While it is made, a
+    /// folder lies beside it that takes several times the archive's size.
+    #[arg(long, conflicts_with = "shard")]
+    archive: bool,
+    /// Replace a terrain that exists; with --shard, begin anew what part there is.
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Args)]
+pub struct MergeArgs {
+    /// The parts' folders, in any order.
+    #[arg(required = true, value_name = "PART")]
+    parts: Vec<PathBuf>,
+    /// The terrain's folder, which will be made.
+    #[arg(long, short, value_name = "DIR")]
+    out: PathBuf,
     /// Replace a terrain that exists.
     #[arg(long)]
     force: bool,
@@ -82,7 +107,24 @@ pub fn bake(args: &BakeArgs) -> Result<ExitCode, Box<dyn Error>> {
     let mut source = import::open(&args.input, &import)?;
     let notes = source.notes();
     let has_spacing = args.spacing_m.or(source.spacing_m()).is_some();
-    let report = bake_shown(&mut *source, &args.out, &settings)?;
+    let mut packed = None;
+    let made = match args.shard {
+        None if args.archive => {
+            let progress = Bar::default();
+            let result = archive::bake_archive(&mut *source, &args.out, &settings, &progress);
+            progress.clear();
+            let (baked, report) = result?;
+            packed = Some(report);
+            Made::Terrain(baked)
+        }
+        None => Made::Terrain(bake_shown(&mut *source, &args.out, &settings)?),
+        Some(shard) => {
+            let progress = Bar::default();
+            let result = shard::bake_shard(&mut *source, &args.out, &settings, shard, &progress);
+            progress.clear();
+            Made::Part(result?)
+        }
+    };
 
     let mut out = std::io::stdout().lock();
     let name = args.input.display();
@@ -96,8 +138,95 @@ pub fn bake(args: &BakeArgs) -> Result<ExitCode, Box<dyn Error>> {
              --spacing-m says otherwise"
         )?;
     }
-    print_report(&mut out, &args.out, &report)?;
+    match made {
+        Made::Terrain(report) => print_report(&mut out, &args.out, &report)?,
+        Made::Part(report) => print_part(&mut out, &args.out, &report)?,
+    }
+    if let Some(packed) = packed {
+        print_packed(&mut out, &packed, "packed")?;
+    }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What a bake made.
+enum Made {
+    Terrain(BakeReport),
+    Part(ShardReport),
+}
+
+pub fn merge(args: &MergeArgs) -> Result<ExitCode, Box<dyn Error>> {
+    let progress = Bar::default();
+    let result = shard::merge(&args.parts, &args.out, args.force, &progress);
+    progress.clear();
+    let report = result?;
+    let mut out = std::io::stdout().lock();
+    print_contents(&mut out, &args.out, &report.terrain)?;
+    write!(
+        out,
+        "merged from {} parts ({} tiles linked, {} copied) in {:.2} s",
+        report.parts,
+        report.linked,
+        report.copied,
+        report.terrain.elapsed.as_secs_f64()
+    )?;
+    print_memory(&mut out)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn print_part(out: &mut impl Write, dir: &Path, report: &ShardReport) -> std::io::Result<()> {
+    writeln!(out, "{}: {}", dir.display(), describe(&report.part))?;
+    let seconds = report.elapsed.as_secs_f64();
+    if report.tiles == 0 {
+        return Ok(());
+    }
+    if report.tiles_before == report.tiles {
+        write!(
+            out,
+            "{} tiles, all of them from before, checked in {seconds:.2} s",
+            report.tiles
+        )?;
+        return print_memory(out);
+    }
+    write!(out, "{} tiles", report.tiles)?;
+    if report.tiles_before > 0 {
+        write!(out, ", {} of them from before", report.tiles_before)?;
+    }
+    let samples = f64::from(report.source_rows) * f64::from(report.part.terrain.size[0]);
+    write!(
+        out,
+        ", {:.1} MB from {} rows of samples\nbaked in {seconds:.2} s, {:.1} million samples a second",
+        report.bytes as f64 / 1e6,
+        report.source_rows,
+        samples / seconds.max(1e-9) / 1e6
+    )?;
+    print_memory(out)
+}
+
+/// A part in a line.
+pub fn describe(part: &PartFile) -> String {
+    let rows = part.rows();
+    let done = part.rows_done().len();
+    let below = if part.top == 0 {
+        ""
+    } else {
+        " and all tiles below them"
+    };
+    let all = part.terrain.tiles(part.top)[1];
+    let what = match rows.len() {
+        0 => "no tiles, since there are more shards than rows of tiles".to_owned(),
+        count => format!(
+            "tile rows {} to {} of {all} of level {}{below}, {}",
+            rows.start + 1,
+            rows.end,
+            part.top,
+            if done == count {
+                "complete".to_owned()
+            } else {
+                format!("{done} of {count} rows complete")
+            }
+        ),
+    };
+    format!("shard {}: {what}", part.shard)
 }
 
 /// A bake whose progress is shown.
@@ -113,6 +242,25 @@ pub fn bake_shown(
 }
 
 pub fn print_report(out: &mut impl Write, dir: &Path, report: &BakeReport) -> std::io::Result<()> {
+    print_contents(out, dir, report)?;
+    write!(
+        out,
+        "baked in {:.2} s, {:.1} million samples a second",
+        report.elapsed.as_secs_f64(),
+        report.samples_per_second() / 1e6
+    )?;
+    print_memory(out)
+}
+
+/// Ends a line.
+fn print_memory(out: &mut impl Write) -> std::io::Result<()> {
+    match peak_memory_mib() {
+        Some(peak) => writeln!(out, ", {peak} MiB of memory at most"),
+        None => writeln!(out),
+    }
+}
+
+fn print_contents(out: &mut impl Write, dir: &Path, report: &BakeReport) -> std::io::Result<()> {
     let [width, height] = report.size;
     writeln!(
         out,
@@ -159,14 +307,5 @@ pub fn print_report(out: &mut impl Write, dir: &Path, report: &BakeReport) -> st
             )?,
         }
     }
-    write!(
-        out,
-        "baked in {:.2} s, {:.1} million samples a second",
-        report.elapsed.as_secs_f64(),
-        report.samples_per_second() / 1e6
-    )?;
-    match peak_memory_mib() {
-        Some(peak) => writeln!(out, ", {peak} MiB of memory at most"),
-        None => writeln!(out),
-    }
+    Ok(())
 }

@@ -2,35 +2,37 @@
 
 use crate::progress::Bar;
 use crate::text::{in_folder, metres, metres_in_table, rounded};
+use bevy_tessera::archive::{ArchiveError, TerrainArchive};
+use bevy_tessera::bake::shard::{PART_FILE, PartFile};
 use bevy_tessera::bake::{self, BakeProgress};
-use bevy_tessera::terrain::{DensityBorder, DensitySettings, TerrainManifest};
+use bevy_tessera::terrain::{
+    DensityBorder, DensitySettings, MANIFEST_FILE, ManifestFile, TerrainManifest,
+};
 use std::error::Error;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
 pub fn inspect(dir: &Path) -> Result<ExitCode, Box<dyn Error>> {
-    let terrain = TerrainManifest::read(dir).map_err(|error| in_folder(dir, &error))?;
-    let file = &terrain.file;
+    if !dir.join(MANIFEST_FILE).exists() && dir.join(PART_FILE).exists() {
+        return inspect_part(dir);
+    }
+    let archive = open_archive(dir)?;
+    let read;
+    let terrain = match &archive {
+        Some(archive) => archive.terrain(),
+        None => {
+            read = TerrainManifest::read(dir).map_err(|error| in_folder(dir, &error))?;
+            &read
+        }
+    };
     let mut out = std::io::stdout().lock();
-    let [width, height] = file.size;
-    let side = |samples: u32| f64::from(samples - 1) * file.spacing_m / 1000.0;
     writeln!(out, "terrain   {}", dir.display())?;
-    writeln!(
-        out,
-        "size      {width} x {height} samples, {} m apart: {:.3} km x {:.3} km",
-        rounded(file.spacing_m),
-        side(width),
-        side(height)
-    )?;
-    writeln!(
-        out,
-        "heights   {}..{} m can be stored, in steps of {} m",
-        metres(file.height_m(0), file.height_step_m),
-        metres(file.height_m(u16::MAX), file.height_step_m),
-        rounded(file.height_step_m)
-    )?;
-    writeln!(out, "density   {}", describe(&file.density))?;
+    if let Some(archive) = &archive {
+        writeln!(out, "archive   {:.1} MB", archive.length() as f64 / 1e6)?;
+    }
+    print_scale(&mut out, &terrain.file)?;
+    let file = &terrain.file;
     writeln!(out, "format    version {}", file.version)?;
     writeln!(out, "level  spacing          tiles  stored  heights")?;
     for (level, number) in terrain.index.levels().iter().zip(0u8..) {
@@ -61,15 +63,54 @@ pub fn inspect(dir: &Path) -> Result<ExitCode, Box<dyn Error>> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Which part of a terrain lies in the folder `dir`.
+fn inspect_part(dir: &Path) -> Result<ExitCode, Box<dyn Error>> {
+    let part = PartFile::read(dir)?;
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "part      {}", dir.display())?;
+    writeln!(out, "what      {}", crate::bake::describe(&part))?;
+    print_scale(&mut out, &part.terrain)?;
+    writeln!(out, "format    version {}", part.version)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What tiles of a terrain, or of a part of one, mean.
+fn print_scale(out: &mut impl Write, file: &ManifestFile) -> std::io::Result<()> {
+    let [width, height] = file.size;
+    let side = |samples: u32| f64::from(samples - 1) * file.spacing_m / 1000.0;
+    writeln!(
+        out,
+        "size      {width} x {height} samples, {} m apart: {:.3} km x {:.3} km",
+        rounded(file.spacing_m),
+        side(width),
+        side(height)
+    )?;
+    writeln!(
+        out,
+        "heights   {}..{} m can be stored, in steps of {} m",
+        metres(file.height_m(0), file.height_step_m),
+        metres(file.height_m(u16::MAX), file.height_step_m),
+        rounded(file.height_step_m)
+    )?;
+    writeln!(out, "density   {}", describe(&file.density))
+}
+
 pub fn verify(dir: &Path) -> Result<ExitCode, Box<dyn Error>> {
-    let tiles = TerrainManifest::read(dir)
-        .map_err(|error| in_folder(dir, &error))?
-        .index
-        .iter()
-        .count() as u64;
+    let archive = open_archive(dir)?;
+    let count = |terrain: &TerrainManifest| terrain.index.iter().count() as u64;
     let progress = Bar::default();
-    progress.start("verify", tiles, "tiles");
-    let result = bake::verify(dir, &|tiles| progress.advance(tiles));
+    let advance = |tiles| progress.advance(tiles);
+    let result = match &archive {
+        Some(archive) => {
+            progress.start("verify", count(archive.terrain()), "tiles");
+            Ok(bake::verify_archive(archive, &advance))
+        }
+        None => {
+            let terrain = TerrainManifest::read(dir).map_err(|error| in_folder(dir, &error))?;
+            progress.start("verify", count(&terrain), "tiles");
+            bake::verify(dir, &advance)
+        }
+    };
     progress.clear();
     let report = result.map_err(|error| in_folder(dir, &error))?;
     if report.faults.is_empty() {
@@ -89,6 +130,15 @@ pub fn verify(dir: &Path) -> Result<ExitCode, Box<dyn Error>> {
         report.tiles
     )
     .into())
+}
+
+/// The archive at `path`; `None` where a folder is there, or nothing.
+fn open_archive(path: &Path) -> Result<Option<TerrainArchive>, ArchiveError> {
+    if path.is_file() {
+        TerrainArchive::open_file(path).map(Some)
+    } else {
+        Ok(None)
+    }
 }
 
 /// Density settings in a line.

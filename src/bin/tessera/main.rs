@@ -1,5 +1,6 @@
 //! `tessera`: bakes height maps into terrains, makes terrains of nothing, and looks at terrains.
 
+mod archive;
 mod bake;
 mod density;
 mod generate;
@@ -31,7 +32,17 @@ enum Command {
     /// Reads PNG (grey of 1 to 16 bit, or heights packed into colours), TIFF and GeoTIFF (8 to 64
     /// bit integers, 16 to 64 bit floats), OpenEXR, SRTM .hgt, and raw .r16 and .r32. Samples
     /// without data are filled from their surroundings and counted.
+    ///
+    /// What takes one machine too long, several can bake: `--shard 3/8` bakes the third of eight
+    /// parts, and `tessera merge` joins them. Give --height-range-m where it is known, or each shard
+    /// reads the whole file for it.
     Bake(bake::BakeArgs),
+    /// Join the parts that `tessera bake --shard` made to the terrain that one bake would have made.
+    ///
+    /// Checks every tile, that neighbours are equal bit for bit in what both hold, and that all parts
+    /// are there and of one bake. Tiles are linked where parts and terrain lie on one file system, and
+    /// copied where not; the parts stay as they are, and may be deleted.
+    Merge(bake::MergeArgs),
     /// Make a terrain of nothing: fractal noise, or diamond-square.
     ///
     /// The same options make the same bytes on every machine.
@@ -55,9 +66,16 @@ enum Command {
     /// with normals, right-handed with y up. OBJ has metres from the terrain's first sample; glTF
     /// the same by a translation of its node, near the eye. Reads only the tiles that the view needs.
     Mesh(mesh::MeshArgs),
-    /// Print what a terrain holds.
+    /// Pack a terrain's folder into an archive: one file, a fraction of the size.
+    ///
+    /// The archive is a PMTiles file that any web server can serve. Packing is lossless: `unpack`
+    /// gives the folder back, byte for byte. What else lies in the folder is not packed.
+    Pack(archive::PackArgs),
+    /// Make a terrain's folder of an archive.
+    Unpack(archive::UnpackArgs),
+    /// Print what a terrain holds, or which part of one a folder is.
     Inspect {
-        /// The terrain's folder.
+        /// The terrain's folder, its archive, or a part's folder.
         dir: PathBuf,
     },
     /// Check every tile of a terrain and name each bad one.
@@ -66,7 +84,7 @@ enum Command {
     /// both hold, that every tile's parent is stored, and that the index covers every tile and its
     /// children. Exits with 1 where something is wrong.
     Verify {
-        /// The terrain's folder.
+        /// The terrain's folder, or its archive.
         dir: PathBuf,
     },
 }
@@ -102,10 +120,13 @@ fn say_error(message: &str) {
 fn run(command: Command) -> Result<ExitCode, Box<dyn Error>> {
     match command {
         Command::Bake(args) => bake::bake(&args),
+        Command::Merge(args) => bake::merge(&args),
         Command::Generate(args) => generate::generate(&args),
         Command::Density { dir, density } => density::density(&dir, &density),
         Command::Preview(args) => preview::preview(&args),
         Command::Mesh(args) => mesh::mesh(&args),
+        Command::Pack(args) => archive::pack(&args),
+        Command::Unpack(args) => archive::unpack(&args),
         Command::Inspect { dir } => inspect::inspect(&dir),
         Command::Verify { dir } => inspect::verify(&dir),
     }

@@ -1,7 +1,7 @@
 //! `tessera mesh`.
 
 use crate::progress::Bar;
-use crate::text::{peak_memory_mib, rounded, whole};
+use crate::text::{of_terrain, peak_memory_mib, rounded, whole};
 use bevy_tessera::lattice::LodSettings;
 use bevy_tessera::mesh_export::{MeshEye, MeshReport, MeshSettings, export_mesh};
 use bevy_tessera::tessellate::Partitioning;
@@ -251,7 +251,7 @@ pub fn mesh(args: &MeshArgs) -> Result<ExitCode, Box<dyn Error>> {
         progress.more(faces);
     });
     progress.clear();
-    let report = result?;
+    let report = result.map_err(|error| of_terrain(&args.dir, error))?;
     print(args, &report, start)?;
     for warning in &report.warnings {
         let _ = writeln!(std::io::stderr(), "{warning}");

@@ -1,6 +1,6 @@
 //! `tessera preview`.
 
-use crate::text::{named, rounded, significant, whole};
+use crate::text::{named, of_terrain, rounded, significant, whole};
 use bevy_tessera::bake::{self, PreviewKind, PreviewSettings};
 use bevy_tessera::terrain::MAX_LEVELS;
 use clap::Args;
@@ -67,7 +67,8 @@ pub fn preview(args: &PreviewArgs) -> Result<ExitCode, Box<dyn Error>> {
         sun_altitude_deg: args.sun_altitude,
         exaggeration: args.exaggeration,
     };
-    let report = bake::preview(&args.dir, &args.out, &settings)?;
+    let report = bake::preview(&args.dir, &args.out, &settings)
+        .map_err(|error| of_terrain(&args.dir, error))?;
     let mut out = std::io::stdout().lock();
     let [width, height] = report.size_px;
     writeln!(

@@ -60,7 +60,10 @@ impl BakeProgress for Bar {
             BakeStage::Survey => ("survey", "samples"),
             BakeStage::Fill => ("fill", "samples"),
             BakeStage::Bake => ("bake", "samples"),
+            BakeStage::Merge => ("check", "tiles"),
             BakeStage::Density => ("density", "tiles"),
+            BakeStage::Pack => ("pack", "tiles"),
+            BakeStage::Unpack => ("unpack", "tiles"),
             _ => return self.clear(),
         };
         self.start(what, samples, unit);

@@ -1,5 +1,7 @@
 //! Numbers and options in words.
 
+use bevy_tessera::bake::shard::PART_FILE;
+use bevy_tessera::terrain::MANIFEST_FILE;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::error::Error;
 use std::fmt::Display;
@@ -108,8 +110,40 @@ pub fn peak_memory_mib() -> Option<u64> {
     Some(kib / 1024)
 }
 
+/// Why the terrain in the folder `dir` can't be used, as a sentence.
 pub fn in_folder(dir: &Path, error: &dyn Error) -> String {
-    format!("{} is no terrain that can be used: {error}", dir.display())
+    let reason = no_terrain(dir).unwrap_or_else(|| error.to_string());
+    format!("{} is no terrain that can be used: {reason}", dir.display())
+}
+
+/// `error`, or, where clearly no terrain lies at `dir`, that.
+pub fn of_terrain(dir: &Path, error: impl Error + 'static) -> Box<dyn Error> {
+    match no_terrain(dir) {
+        Some(_) => in_folder(dir, &error).into(),
+        None => error.into(),
+    }
+}
+
+/// What lies at `dir` instead of a terrain's folder, and what to do about it.
+fn no_terrain(dir: &Path) -> Option<String> {
+    if dir.is_file() {
+        let text = "it is a file; if it is an archive, make a folder of it with `tessera unpack`";
+        return Some(text.to_owned());
+    }
+    if !dir.exists() {
+        let text = "there is nothing there; give the path of a terrain that was baked";
+        return Some(text.to_owned());
+    }
+    if dir.join(MANIFEST_FILE).exists() {
+        return None;
+    }
+    if dir.join(PART_FILE).exists() {
+        let text = "it is a part of one; join all parts with `tessera merge`, and give its --out";
+        return Some(text.to_owned());
+    }
+    Some(format!(
+        "there is no {MANIFEST_FILE} in it; give the folder of a terrain that was baked"
+    ))
 }
 
 #[cfg(test)]
