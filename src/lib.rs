@@ -35,14 +35,18 @@
 //! |---|---|---|
 //! | [`terrain`] | the component and its settings, what opts a camera in, events, the manifest | |
 //! | [`tile`] | tile addresses, heights, densities, error bounds, the index, their file format | |
+//! | [`archive`] | a whole terrain in one file, on a disk or behind a web server | `archive`, (`http`) |
 //! | [`bake`] | height maps to terrains; readers of file formats in `bake::import`, terrains made of nothing in `bake::generate` | (`import`, `generate`) |
 //! | [`density`] | curvature filters, and densities from heights | |
 //! | [`detail`] | displacement finer than the samples: noise that follows a rule | |
 //! | [`error_bound`] | bounds on the error that any triangles leave, from heights | |
 //! | [`output`] | why a picture or a mesh can't be written at a path | |
 //! | [`lattice`] | the integer grid, level of detail, morph, selection, the residency field | |
+//! | [`residency`] | what should be resident: all terrains' tiles ranked by need | |
 //! | [`tessellate`] | edge factors, partitioning, the CPU twin of the compute passes | |
 //! | [`mesh_export`] | a view's mesh as a Wavefront OBJ or binary glTF file | |
+//! | `source` | archives, and folders and archives behind web servers, as asset sources | `ecs` with `archive`, (`http`) |
+//! | [`query`] | asking the ground for its height | `ecs` |
 //! | [`stream`] | which tiles are resident, and the entities that stand for them | `ecs` |
 //! | [`view`] | what each camera's level of detail follows from | `ecs` |
 //! | [`render`] | culling, compute passes, draws, [materials](render::TerrainMaterial) | `render` |
@@ -64,26 +68,42 @@
 //! | `ecs` | terrains as entities and assets, without a renderer | |
 //! | `import` | readers of PNG, TIFF, OpenEXR, SRTM and raw height maps | |
 //! | `generate` | terrains made of nothing: fractal noise, diamond-square | |
-//! | `cli` | the tool `tessera`; implies `import` and `generate` | |
+//! | `archive` | terrains in one file: packed tiles in a PMTiles archive | yes |
+//! | `http` | terrains behind a web server, read by ranges; implies `archive`, needs a C compiler | |
+//! | `cli` | the tool `tessera`; implies `import`, `generate` and `archive` | |
 //! | `examples` | what the examples need of Bevy: a window, a fly camera, pictures | |
 //!
 //! With none of them the core is left, which depends on no part of Bevy.
 //!
 //! # What it does not do yet
-//! The ground can't be changed or asked for its height, and has no colliders.
+//! The ground can't be changed, and has no colliders.
 //!
 //! [Bevy]: https://bevy.org
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
+#![cfg_attr(
+    not(all(feature = "render", feature = "archive")),
+    expect(
+        rustdoc::broken_intra_doc_links,
+        reason = "this page names modules of all features; with all of them every link is checked"
+    )
+)]
 
+#[cfg(feature = "archive")]
+pub mod archive;
 pub mod bake;
 pub mod density;
 pub mod detail;
 pub mod error_bound;
 pub mod lattice;
 pub mod mesh_export;
+#[cfg(feature = "ecs")]
+pub mod query;
 #[cfg(feature = "render")]
 pub mod render;
+pub mod residency;
+#[cfg(all(feature = "ecs", feature = "archive"))]
+pub mod source;
 #[cfg(feature = "ecs")]
 pub mod stream;
 pub mod terrain;

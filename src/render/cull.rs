@@ -198,7 +198,7 @@ pub(super) fn cull_nodes(
     directional: Query<(&DirectionalLight, &CascadesFrusta)>,
     points: Query<(&PointLight, &CubemapFrusta)>,
     spots: Query<(&SpotLight, &Frustum), Without<TerrainViews>>,
-    mut bounds: Local<EntityHashMap<(u64, TileHeightBounds)>>,
+    mut bounds: Local<EntityHashMap<([u64; 2], TileHeightBounds)>>,
 ) {
     let _span = bevy::log::debug_span!("terrain_cull").entered();
     bounds.retain(|terrain, _| terrains.contains(*terrain));
@@ -244,11 +244,13 @@ pub(super) fn cull_nodes(
                     push(frustum, None);
                 }
             }
+            let (manifest, version) = state.drawn_bounds();
+            let wanted = [state.instance(), version];
             let tile_bounds = match bounds.get(&view.terrain) {
-                Some((of, tile_bounds)) if *of == state.instance() => tile_bounds,
+                Some((of, tile_bounds)) if *of == wanted => tile_bounds,
                 _ => {
-                    let fresh = TileHeightBounds::new(state.manifest());
-                    bounds.insert(view.terrain, (state.instance(), fresh));
+                    let fresh = TileHeightBounds::new(manifest);
+                    bounds.insert(view.terrain, (wanted, fresh));
                     &bounds[&view.terrain].1
                 }
             };

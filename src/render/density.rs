@@ -3,9 +3,10 @@
 use super::TerrainPass;
 use super::extract::{ExtractedTerrains, UploadedTerrains};
 use super::gpu_types::{GpuDensityJob, GpuDensityKernel};
+use super::pages::GpuTerrainPages;
 use super::passes::density;
 use super::pipelines::TerrainPipelines;
-use super::prepare::{GpuTerrain, GpuTerrains, buffer};
+use super::prepare::buffer;
 use crate::density::DensitySettings;
 use crate::stream::TerrainState;
 use crate::terrain::TerrainSystems;
@@ -120,6 +121,8 @@ pub struct GpuDensityPreview {
     kernel: GpuDensityKernel,
     /// Whether the GPU's copy of the kernel is another one.
     kernel_changed: bool,
+    /// Pages that there is room for.
+    capacity: u32,
     /// Pages whose densities are not what they should be.
     pub(super) pending: Vec<GpuDensityJob>,
     pub(super) made_pages: u64,
@@ -210,6 +213,7 @@ fn extract_previews(
                 opacity: preview.opacity,
                 kernel: GpuDensityKernel::new(&state.manifest().file, &preview.settings),
                 kernel_changed: true,
+                capacity: extracted.page_numbers,
                 pending: Vec::new(),
                 made_pages: 0,
                 is_ready: false,
@@ -236,7 +240,10 @@ fn extract_previews(
             .get(&key)
             .map_or(&[][..], |terrain| &terrain.uploads);
         // Where the pass has to wait for its pipeline, pages may be uploaded again and again.
-        everything |= known.pending.len() + uploads.len() > state.capacity() as usize;
+        let capacity = extracted.page_numbers;
+        everything |= known.capacity != capacity;
+        everything |= known.pending.len() + uploads.len() > capacity as usize;
+        known.capacity = capacity;
         if everything {
             known.pending.clear();
             let resident = uploaded
@@ -257,10 +264,11 @@ impl DensityBuffers {
         device: &RenderDevice,
         cache: &PipelineCache,
         pipelines: &TerrainPipelines,
-        terrain: &GpuTerrain,
+        pages: &GpuTerrainPages,
+        capacity: u32,
         generation: u64,
     ) -> Self {
-        let room = u64::from(terrain.capacity);
+        let room = u64::from(capacity);
         let kernel = buffer(
             device,
             "terrain_density_kernel",
@@ -279,16 +287,14 @@ impl DensityBuffers {
             room * GpuDensityKernel::PAGE_BYTES,
             BufferUsages::STORAGE | BufferUsages::COPY_SRC,
         );
-        let group = Self::bind(
-            device, cache, pipelines, terrain, &kernel, &jobs, &densities,
-        );
+        let group = Self::bind(device, cache, pipelines, pages, &kernel, &jobs, &densities);
         Self {
-            capacity: terrain.capacity,
+            capacity,
             kernel,
             jobs,
             densities,
             group,
-            group_built_for: terrain.generation,
+            group_built_for: pages.generation,
             generation,
         }
     }
@@ -297,7 +303,7 @@ impl DensityBuffers {
         device: &RenderDevice,
         cache: &PipelineCache,
         pipelines: &TerrainPipelines,
-        terrain: &GpuTerrain,
+        pages: &GpuTerrainPages,
         kernel: &Buffer,
         jobs: &Buffer,
         densities: &Buffer,
@@ -308,7 +314,7 @@ impl DensityBuffers {
             &BindGroupEntries::sequential((
                 kernel.as_entire_binding(),
                 jobs.as_entire_binding(),
-                &terrain.heights_view,
+                &pages.heights.view,
                 densities.as_entire_binding(),
             )),
         )
@@ -317,7 +323,7 @@ impl DensityBuffers {
 
 fn prepare_previews(
     mut previews: ResMut<GpuDensityPreviews>,
-    terrains: Res<GpuTerrains>,
+    pages: Res<GpuTerrainPages>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
     cache: Res<PipelineCache>,
@@ -325,26 +331,24 @@ fn prepare_previews(
     mut generation: Local<u64>,
 ) {
     let _span = bevy::log::debug_span!("terrain_prepare_density_previews").entered();
-    for (entity, preview) in &mut previews.previews {
-        let Some(terrain) = terrains.terrains.get(entity) else {
-            continue;
-        };
+    for preview in previews.previews.values_mut() {
         let kept = preview
             .gpu
             .take()
-            .filter(|gpu| gpu.capacity == terrain.capacity);
+            .filter(|gpu| gpu.capacity == preview.capacity);
         let gpu = preview.gpu.insert(kept.unwrap_or_else(|| {
             *generation += 1;
             preview.kernel_changed = true;
-            DensityBuffers::new(&device, &cache, &pipelines, terrain, *generation)
+            let capacity = preview.capacity;
+            DensityBuffers::new(&device, &cache, &pipelines, &pages, capacity, *generation)
         }));
-        if gpu.group_built_for != terrain.generation {
-            gpu.group_built_for = terrain.generation;
+        if gpu.group_built_for != pages.generation {
+            gpu.group_built_for = pages.generation;
             gpu.group = DensityBuffers::bind(
                 &device,
                 &cache,
                 &pipelines,
-                terrain,
+                &pages,
                 &gpu.kernel,
                 &gpu.jobs,
                 &gpu.densities,

@@ -6,12 +6,11 @@ use super::gpu_types::{GpuTerrainDraw, GpuTerrainNode, GpuTerrainView};
 use super::material::ComposedMaterials;
 use super::statistics::TerrainStatistics;
 use crate::detail::DetailKernel;
-use crate::stream::{TerrainState, TerrainTiles, TileData, TilePage};
+use crate::stream::{TerrainState, TerrainStreamer};
 use crate::terrain::{TerrainCamera, TessellationPolicy};
 use crate::tessellate::{FactorView, Partitioning};
 use crate::tile::{TerrainTile, TileAddress};
 use crate::view::{TerrainView, TerrainViews};
-use bevy::asset::AssetId;
 use bevy::ecs::entity::EntityHashMap;
 use bevy::math::{DAffine3, DVec3, Mat4};
 use bevy::platform::collections::HashMap;
@@ -20,6 +19,7 @@ use bevy::render::Extract;
 use bevy::render::sync_world::MainEntity;
 use bevy::shader::Shader;
 use bytemuck::Zeroable;
+use std::ops::Range;
 
 /// A tile whose page has to be written.
 pub(super) struct PageUpload {
@@ -28,15 +28,42 @@ pub(super) struct PageUpload {
     pub(super) tile: TerrainTile,
 }
 
+/// A run of a table's entries.
+pub(super) struct TableChange {
+    pub(super) first: u32,
+    pub(super) words: Vec<u32>,
+}
+
+impl TableChange {
+    /// What has to be written to a copy: the entries in `changes`, or all `length` of them where
+    /// those aren't known.
+    fn of(
+        length: usize,
+        changes: Option<impl Iterator<Item = Range<u32>>>,
+        words: impl Fn(Range<usize>) -> Vec<u32>,
+    ) -> Vec<Self> {
+        let Some(changes) = changes else {
+            return vec![Self {
+                first: 0,
+                words: words(0..length),
+            }];
+        };
+        let runs = changes.map(|range| Self {
+            first: range.start,
+            words: words(range.start as usize..range.end as usize),
+        });
+        runs.collect()
+    }
+}
+
 /// A terrain as it is in this frame.
 pub(super) struct ExtractedTerrain {
-    pub(super) capacity: u32,
     /// Metres per stored unit over twice the finest spacing: a gradient per difference.
     pub(super) gradient_scale: f32,
     pub(super) uploads: Vec<PageUpload>,
-    /// Whole tables, where they changed.
-    pub(super) pages: Option<Vec<u32>>,
-    pub(super) field: Option<Vec<u32>>,
+    /// What has changed of the tables.
+    pub(super) page_table: Vec<TableChange>,
+    pub(super) field: Vec<TableChange>,
     pub(super) shader: Option<Handle<Shader>>,
     pub(super) parameters: [Vec4; 8],
     pub(super) detail: DetailKernel,
@@ -59,6 +86,10 @@ pub(super) struct ExtractedView {
 pub(super) struct ExtractedTerrains {
     pub(super) terrains: HashMap<MainEntity, ExtractedTerrain>,
     pub(super) views: Vec<ExtractedView>,
+    /// One more than the greatest page that is in use.
+    pub(super) pages_in_use: u32,
+    /// One more than the greatest page that may come into use.
+    pub(super) page_numbers: u32,
     /// Lists of nodes to be filled again.
     spare_nodes: Vec<Vec<GpuTerrainNode>>,
 }
@@ -68,20 +99,29 @@ pub(super) struct ExtractedTerrains {
 #[derive(Resource, Default)]
 pub(super) struct UploadedTerrains {
     terrains: EntityHashMap<Uploaded>,
+    /// What each page holds.
+    pages: Vec<Option<PageContent>>,
 }
 
 impl UploadedTerrains {
-    /// The pages that were written since the terrain's state began, and the tiles they were
-    /// written with, resident or not any more.
+    /// The pages that were last written with a tile of this terrain, resident or not any more.
     pub(super) fn pages(&self, terrain: Entity) -> impl Iterator<Item = (u32, TileAddress)> {
-        let pages = self.terrains.get(&terrain).into_iter();
-        let pages = pages.flat_map(|known| (0..).zip(&known.pages));
-        pages.filter_map(|(page, slot)| slot.map(|(address, _)| (page, address)))
+        let pages = (0..).zip(&self.pages);
+        let written = pages.filter_map(|(page, content)| Some((page, content.as_ref()?)));
+        written
+            .filter(move |(_, content)| content.terrain == terrain)
+            .map(|(page, content)| (page, content.address))
     }
 }
 
-/// The tile that a page was written with.
-type PageContent = (TileAddress, AssetId<TerrainTile>);
+/// What a page was written with.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct PageContent {
+    terrain: Entity,
+    address: TileAddress,
+    /// Tells it from all else that any page has held.
+    content: u64,
+}
 
 #[derive(Default)]
 struct Uploaded {
@@ -89,25 +129,13 @@ struct Uploaded {
     instance: Option<u64>,
     pages_version: u64,
     field_version: u64,
-    /// A tile is resident whose data could not be taken yet.
-    incomplete: bool,
-    /// What each page holds.
-    pages: Vec<Option<PageContent>>,
     world_from_local: Option<DAffine3>,
 }
 
 #[expect(clippy::type_complexity, reason = "parameters of a Bevy system")]
 pub(super) fn extract_terrains(
-    terrains: Extract<
-        Query<(
-            Entity,
-            &TerrainState,
-            &TerrainTiles,
-            Option<&TerrainMaterial>,
-        )>,
-    >,
-    tiles: Extract<Query<(&TileAddress, &TileData, &TilePage)>>,
-    data: Extract<Res<Assets<TerrainTile>>>,
+    terrains: Extract<Query<(Entity, &TerrainState, Option<&TerrainMaterial>)>>,
+    streamer: Extract<Res<TerrainStreamer>>,
     cameras: Extract<
         Query<(
             Entity,
@@ -126,75 +154,80 @@ pub(super) fn extract_terrains(
     let ExtractedTerrains {
         terrains: out,
         views: views_out,
+        pages_in_use,
+        page_numbers,
         spare_nodes,
     } = &mut *extracted;
+    *pages_in_use = 0;
+    *page_numbers = streamer.page_numbers();
     out.clear();
     spare_nodes.extend(views_out.drain(..).map(|view| view.nodes));
-    uploaded
-        .terrains
-        .retain(|terrain, _| terrains.contains(*terrain));
+    let UploadedTerrains {
+        terrains: uploaded,
+        pages: written,
+    } = &mut *uploaded;
+    uploaded.retain(|terrain, _| terrains.contains(*terrain));
 
-    for (entity, state, tile_entities, material) in &terrains {
-        let known = uploaded.terrains.entry(entity).or_default();
+    for (entity, state, material) in &terrains {
+        let known = uploaded.entry(entity).or_default();
         if known.instance != Some(state.instance()) {
             *known = Uploaded {
                 instance: Some(state.instance()),
-                pages: vec![None; state.capacity() as usize],
                 world_from_local: known.world_from_local,
                 ..default()
             };
         }
         let mut uploads = Vec::new();
-        let mut incomplete = false;
         let pages_changed = known.pages_version != state.pages_version();
-        let look = pages_changed || known.incomplete;
-        for tile in tile_entities.iter().filter(|_| look) {
-            let Ok((address, handle, page)) = tiles.get(tile) else {
-                continue;
-            };
-            let slot = &mut known.pages[page.0 as usize];
-            let content = (*address, handle.id());
-            if *slot == Some(content) {
+        for (page, address, content, tile) in state.contents() {
+            *pages_in_use = (*pages_in_use).max(page + 1);
+            if !pages_changed {
                 continue;
             }
-            let Some(data) = data.get(handle.id()) else {
-                incomplete = true;
+            let content = Some(PageContent {
+                terrain: entity,
+                address,
+                content,
+            });
+            if written.len() <= page as usize {
+                written.resize(page as usize + 1, None);
+            }
+            let written = &mut written[page as usize];
+            if *written == content {
                 continue;
-            };
-            *slot = Some(content);
+            }
+            *written = content;
             uploads.push(PageUpload {
-                page: page.0,
-                address: *address,
-                tile: data.clone(),
+                page,
+                address,
+                tile: tile.clone(),
             });
         }
-        if look {
-            known.incomplete = incomplete;
-        }
-        let pages = pages_changed.then(|| {
+        let mut page_table = Vec::new();
+        if pages_changed {
+            let flat = state.pages().flat();
+            let changes = state.page_changes(known.pages_version);
+            page_table = TableChange::of(flat.len(), changes, |range| flat[range].to_vec());
             known.pages_version = state.pages_version();
-            state.pages().flat().to_vec()
-        });
-        let field = (known.field_version != state.field_version()).then(|| {
+        }
+        let mut field = Vec::new();
+        if known.field_version != state.field_version() {
+            let corners = &state.field().corners;
+            let changes = state.field_changes(known.field_version);
+            field = TableChange::of(corners.len(), changes, |range| {
+                corners[range].iter().copied().map(u32::from).collect()
+            });
             known.field_version = state.field_version();
-            state
-                .field()
-                .corners
-                .iter()
-                .copied()
-                .map(u32::from)
-                .collect()
-        });
+        }
         let file = &state.manifest().file;
         let fallback = TerrainMaterial::default();
         let material = material.unwrap_or(&fallback);
         out.insert(
             entity.into(),
             ExtractedTerrain {
-                capacity: state.capacity(),
                 gradient_scale: (file.height_step_m / (2.0 * file.spacing_m)) as f32,
                 uploads,
-                pages,
+                page_table,
                 field,
                 shader: materials.shader(material),
                 parameters: material.parameters,
@@ -220,7 +253,6 @@ pub(super) fn extract_terrains(
                 continue;
             };
             let previous = uploaded
-                .terrains
                 .get(&view.terrain)
                 .and_then(|known| known.world_from_local)
                 .unwrap_or(view.world_from_local);
@@ -269,7 +301,7 @@ pub(super) fn extract_terrains(
     // After the views: they need the transform of the frame before.
     for (_, _, _, views, ..) in &cameras {
         for view in &views.views {
-            if let Some(known) = uploaded.terrains.get_mut(&view.terrain) {
+            if let Some(known) = uploaded.get_mut(&view.terrain) {
                 known.world_from_local = Some(view.world_from_local);
             }
         }

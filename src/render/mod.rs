@@ -16,6 +16,7 @@ mod draw;
 mod extract;
 mod gpu_types;
 mod material;
+mod pages;
 mod passes;
 mod pipelines;
 mod prepare;
@@ -30,7 +31,8 @@ pub use gpu_types::{
     MAX_VOLUMES,
 };
 pub use material::{DEFAULT_MATERIAL_WGSL, TerrainMaterial, compose_material};
-pub use prepare::{GpuTerrainMesh, GpuTerrainMeshes, tile_gradients};
+pub use pages::tile_gradients;
+pub use prepare::{GpuTerrainMesh, GpuTerrainMeshes};
 pub use statistics::{TerrainDiagnostics, TerrainStatistics, TerrainViewStatistics};
 
 use crate::terrain::{TerrainCamera, TerrainSystems};
@@ -160,6 +162,7 @@ impl Plugin for TerrainRenderPlugin {
         render_app
             .init_gpu_resource::<extract::ExtractedTerrains>()
             .init_gpu_resource::<extract::UploadedTerrains>()
+            .init_gpu_resource::<pages::GpuTerrainPages>()
             .init_gpu_resource::<prepare::GpuTerrains>()
             .init_gpu_resource::<GpuTerrainMeshes>()
             .init_gpu_resource::<draw::TerrainDraws>()

@@ -2,32 +2,27 @@
 
 use super::counters::Counters;
 use super::density::{DensityBuffers, GpuDensityPreviews};
-use super::extract::{ExtractedTerrain, ExtractedTerrains, ExtractedView, PageUpload};
+use super::extract::{ExtractedTerrain, ExtractedTerrains, ExtractedView, TableChange};
 use super::gpu_types::{
     GpuFaceFactors, GpuTerrainCounters, GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode,
     GpuTerrainVertex, GpuTerrainView,
 };
+use super::pages::GpuTerrainPages;
 use super::pipelines::TerrainPipelines;
 use super::statistics::TerrainViewStatistics;
 use crate::detail::DetailKernel;
 use crate::tessellate::FACTOR_SCALES;
-use crate::tile::{DENSITY_TEXELS, HeightTile, TILE_STORED};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use bevy::render::render_resource::{
-    BindGroup, BindGroupEntries, Buffer, BufferDescriptor, BufferUsages, CommandEncoder, Extent3d,
-    Origin3d, PipelineCache, TexelCopyBufferLayout, TexelCopyTextureInfo, Texture, TextureAspect,
-    TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
-    TextureViewDescriptor, TextureViewDimension,
+    BindGroup, BindGroupEntries, Buffer, BufferDescriptor, BufferUsages, CommandEncoder,
+    PipelineCache,
 };
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::sync_world::MainEntity;
 use bytemuck::Zeroable;
 use half::f16;
 
-/// Pages along the side of an atlas layer.
-const PAGES_ACROSS: u32 = 8;
-const PAGES_A_LAYER: u32 = PAGES_ACROSS * PAGES_ACROSS;
 /// Bytes a vertex and its six indices take at most; see [`largest_room`].
 const INDICES_A_VERTEX: u64 = 6;
 
@@ -40,25 +35,16 @@ const FULLEST: f32 = 0.9;
 /// The most that a budget widens triangles; nothing is left to be won there.
 const WIDEST: f32 = 256.0;
 
-/// A terrain's pages and tables on the GPU.
+/// A terrain's tables on the GPU.
 pub(super) struct GpuTerrain {
-    pub(super) capacity: u32,
-    heights: Texture,
-    pub(super) heights_view: TextureView,
-    densities: Texture,
-    densities_view: TextureView,
-    errors: Texture,
-    errors_view: TextureView,
     detail: Buffer,
     written_detail: Option<DetailKernel>,
-    gradients: Texture,
-    gradients_view: TextureView,
     page_table: Buffer,
     field: Buffer,
     parameters: Buffer,
     written_parameters: Option<[Vec4; 8]>,
     pub(super) material: BindGroup,
-    /// Rises when a buffer or texture is replaced, so that views rebuild their bind groups.
+    /// Rises when a buffer is replaced, so that views rebuild their bind groups.
     pub(super) generation: u64,
 }
 
@@ -113,8 +99,8 @@ pub(super) struct MeshBindGroups {
     pub(super) draw: BindGroup,
     /// The same with the preview of densities, while there is one.
     pub(super) preview_draw: Option<BindGroup>,
-    /// Generations of the mesh, the terrain and the preview.
-    built_for: (u64, u64, u64),
+    /// Generations of the mesh, the pages, the terrain and the preview.
+    built_for: [u64; 4],
 }
 
 /// The meshes of all cameras and terrains, by (camera, terrain).
@@ -194,52 +180,7 @@ fn largest_room(device: &RenderDevice) -> u32 {
 }
 
 impl GpuTerrain {
-    fn new(
-        device: &RenderDevice,
-        cache: &PipelineCache,
-        pipelines: &TerrainPipelines,
-        capacity: u32,
-    ) -> Self {
-        let layers = capacity.div_ceil(PAGES_A_LAYER);
-        let atlas = |label, format, side| {
-            let texture = device.create_texture(&TextureDescriptor {
-                label: Some(label),
-                size: Extent3d {
-                    width: PAGES_ACROSS * side,
-                    height: PAGES_ACROSS * side,
-                    depth_or_array_layers: layers,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: TextureDimension::D2,
-                format,
-                usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
-                view_formats: &[],
-            });
-            let view = texture.create_view(&TextureViewDescriptor {
-                label: Some(label),
-                dimension: Some(TextureViewDimension::D2Array),
-                ..default()
-            });
-            (texture, view)
-        };
-        let (heights, heights_view) =
-            atlas("terrain_height_pages", TextureFormat::R16Uint, TILE_STORED);
-        let (gradients, gradients_view) = atlas(
-            "terrain_gradient_pages",
-            TextureFormat::Rg16Float,
-            TILE_STORED,
-        );
-        let (densities, densities_view) = atlas(
-            "terrain_density_pages",
-            TextureFormat::R8Uint,
-            DENSITY_TEXELS,
-        );
-        let (errors, errors_view) = atlas(
-            "terrain_error_pages",
-            TextureFormat::Rg32Uint,
-            DENSITY_TEXELS,
-        );
+    fn new(device: &RenderDevice, cache: &PipelineCache, pipelines: &TerrainPipelines) -> Self {
         let detail = buffer(
             device,
             "terrain_detail",
@@ -259,17 +200,8 @@ impl GpuTerrain {
         );
         let empty = |label| buffer(device, label, 16, BufferUsages::STORAGE);
         Self {
-            capacity,
-            heights,
-            heights_view,
-            densities,
-            densities_view,
-            errors,
-            errors_view,
             detail,
             written_detail: None,
-            gradients,
-            gradients_view,
             page_table: empty("terrain_page_table"),
             field: empty("terrain_residency_field"),
             parameters,
@@ -278,107 +210,26 @@ impl GpuTerrain {
             generation: 0,
         }
     }
-
-    fn write_table(
-        table: &mut Buffer,
-        generation: &mut u64,
-        label: &'static str,
-        words: &[u32],
-        device: &RenderDevice,
-        queue: &RenderQueue,
-    ) {
-        let bytes: &[u8] = bytemuck::cast_slice(words);
-        if table.size() < bytes.len() as u64 {
-            *table = buffer(device, label, bytes.len() as u64, BufferUsages::STORAGE);
-            *generation += 1;
-        }
-        queue.write_buffer(table, 0, bytes);
-    }
-
-    fn write_page(
-        &self,
-        queue: &RenderQueue,
-        upload: &PageUpload,
-        gradient_scale: f32,
-        scratch: &mut Vec<[f16; 2]>,
-    ) {
-        let place = upload.page % PAGES_A_LAYER;
-        let write = |texture: &Texture, bytes: &[u8], side: u32, texel_bytes: u32| {
-            queue.write_texture(
-                TexelCopyTextureInfo {
-                    texture,
-                    mip_level: 0,
-                    origin: Origin3d {
-                        x: place % PAGES_ACROSS * side,
-                        y: place / PAGES_ACROSS * side,
-                        z: upload.page / PAGES_A_LAYER,
-                    },
-                    aspect: TextureAspect::All,
-                },
-                bytes,
-                TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(side * texel_bytes),
-                    rows_per_image: Some(side),
-                },
-                Extent3d {
-                    width: side,
-                    height: side,
-                    depth_or_array_layers: 1,
-                },
-            );
-        };
-        write(
-            &self.heights,
-            bytemuck::cast_slice(upload.tile.heights.samples()),
-            TILE_STORED,
-            2,
-        );
-        write(
-            &self.densities,
-            &upload.tile.densities.own_texels(),
-            DENSITY_TEXELS,
-            1,
-        );
-        write(
-            &self.errors,
-            upload.tile.errors.texels().as_flattened(),
-            DENSITY_TEXELS,
-            8,
-        );
-        let scale = gradient_scale / (1_u32 << upload.address.level) as f32;
-        tile_gradients(&upload.tile.heights, scale, scratch);
-        write(
-            &self.gradients,
-            bytemuck::cast_slice(scratch),
-            TILE_STORED,
-            4,
-        );
-    }
 }
 
-/// Rise of the ground per metre in x and z at every stored sample, by central differences (the
-/// cross filter of Andersson 2007, listing 1, before it is normalised). `scale` is metres per
-/// stored unit over the distance of the two samples. The outermost samples take the difference
-/// that they have; nothing inside a tile reads them.
-pub fn tile_gradients(tile: &HeightTile, scale: f32, gradients: &mut Vec<[f16; 2]>) {
-    let side = TILE_STORED as usize;
-    let samples = tile.samples();
-    gradients.clear();
-    gradients.reserve(side * side);
-    for z in 0..side {
-        let row = &samples[z * side..][..side];
-        let above = &samples[z.saturating_sub(1) * side..][..side];
-        let below = &samples[(z + 1).min(side - 1) * side..][..side];
-        for x in 0..side {
-            let left = f32::from(row[x.saturating_sub(1)]);
-            let right = f32::from(row[(x + 1).min(side - 1)]);
-            gradients.push([
-                f16::from_f32((right - left) * scale),
-                f16::from_f32((f32::from(below[x]) - f32::from(above[x])) * scale),
-            ]);
-        }
+fn write_table(
+    table: &mut Buffer,
+    generation: &mut u64,
+    label: &'static str,
+    change: &TableChange,
+    device: &RenderDevice,
+    queue: &RenderQueue,
+) {
+    let TableChange { first, words } = change;
+    let first = u64::from(*first) * 4;
+    let bytes: &[u8] = bytemuck::cast_slice(words);
+    let end = first + bytes.len() as u64;
+    // The first change is the whole table, and a table keeps its length.
+    if table.size() < end {
+        *table = buffer(device, label, end, BufferUsages::STORAGE);
+        *generation += 1;
     }
+    queue.write_buffer(table, first, bytes);
 }
 
 impl GpuTerrainMesh {
@@ -551,11 +402,16 @@ impl GpuTerrainMesh {
         device: &RenderDevice,
         cache: &PipelineCache,
         pipelines: &TerrainPipelines,
+        pages: &GpuTerrainPages,
         terrain: &GpuTerrain,
         preview: Option<&DensityBuffers>,
     ) {
-        let preview_generation = preview.map_or(0, |preview| preview.generation);
-        let built_for = (self.generation, terrain.generation, preview_generation);
+        let built_for = [
+            self.generation,
+            pages.generation,
+            terrain.generation,
+            preview.map_or(0, |preview| preview.generation),
+        ];
         if self
             .groups
             .as_ref()
@@ -576,9 +432,9 @@ impl GpuTerrainMesh {
                     self.nodes.as_entire_binding(),
                     terrain.page_table.as_entire_binding(),
                     terrain.field.as_entire_binding(),
-                    &terrain.heights_view,
-                    &terrain.densities_view,
-                    &terrain.errors_view,
+                    &pages.heights.view,
+                    &pages.densities.view,
+                    &pages.errors.view,
                     terrain.detail.as_entire_binding(),
                 )),
             ),
@@ -636,7 +492,7 @@ impl GpuTerrainMesh {
                 &BindGroupEntries::sequential((
                     self.draw.as_entire_binding(),
                     terrain.page_table.as_entire_binding(),
-                    &terrain.gradients_view,
+                    &pages.gradients.view,
                     &pipelines.gradient_sampler,
                     terrain.detail.as_entire_binding(),
                 )),
@@ -648,7 +504,7 @@ impl GpuTerrainMesh {
                     &BindGroupEntries::sequential((
                         self.draw.as_entire_binding(),
                         terrain.page_table.as_entire_binding(),
-                        &terrain.gradients_view,
+                        &pages.gradients.view,
                         &pipelines.gradient_sampler,
                         terrain.detail.as_entire_binding(),
                         preview.densities.as_entire_binding(),
@@ -660,9 +516,11 @@ impl GpuTerrainMesh {
     }
 }
 
+#[expect(clippy::too_many_arguments, reason = "parameters of a Bevy system")]
 pub(super) fn prepare_terrains(
     extracted: Res<ExtractedTerrains>,
     mut terrains: ResMut<GpuTerrains>,
+    mut pages: ResMut<GpuTerrainPages>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
     cache: Res<PipelineCache>,
@@ -673,12 +531,12 @@ pub(super) fn prepare_terrains(
     terrains
         .terrains
         .retain(|entity, _| extracted.terrains.contains_key(entity));
+    pages.make_room(extracted.pages_in_use, &device, &queue);
     for (entity, extracted) in &extracted.terrains {
         let ExtractedTerrain {
-            capacity,
             gradient_scale,
             uploads,
-            pages,
+            page_table,
             field,
             parameters,
             detail,
@@ -687,34 +545,18 @@ pub(super) fn prepare_terrains(
         let terrain = terrains
             .terrains
             .entry(*entity)
-            .or_insert_with(|| GpuTerrain::new(&device, &cache, &pipelines, *capacity));
-        if terrain.capacity != *capacity {
-            let generation = terrain.generation + 1;
-            *terrain = GpuTerrain::new(&device, &cache, &pipelines, *capacity);
-            terrain.generation = generation;
-        }
+            .or_insert_with(|| GpuTerrain::new(&device, &cache, &pipelines));
         for upload in uploads {
-            terrain.write_page(&queue, upload, *gradient_scale, &mut scratch);
+            pages.write(&queue, upload, *gradient_scale, &mut scratch);
         }
-        if let Some(pages) = pages {
-            GpuTerrain::write_table(
-                &mut terrain.page_table,
-                &mut terrain.generation,
-                "terrain_page_table",
-                pages,
-                &device,
-                &queue,
-            );
-        }
-        if let Some(field) = field {
-            GpuTerrain::write_table(
-                &mut terrain.field,
-                &mut terrain.generation,
-                "terrain_residency_field",
-                field,
-                &device,
-                &queue,
-            );
+        for (table, label, changes) in [
+            (&mut terrain.page_table, "terrain_page_table", page_table),
+            (&mut terrain.field, "terrain_residency_field", field),
+        ] {
+            for change in changes {
+                let generation = &mut terrain.generation;
+                write_table(table, generation, label, change, &device, &queue);
+            }
         }
         if terrain.written_detail != Some(*detail) {
             terrain.written_detail = Some(*detail);
@@ -731,6 +573,7 @@ pub(super) fn prepare_terrains(
 pub(super) fn prepare_meshes(
     extracted: Res<ExtractedTerrains>,
     terrains: Res<GpuTerrains>,
+    pages: Res<GpuTerrainPages>,
     previews: Res<GpuDensityPreviews>,
     mut meshes: ResMut<GpuTerrainMeshes>,
     device: Res<RenderDevice>,
@@ -756,7 +599,7 @@ pub(super) fn prepare_meshes(
         let opacity = preview.map_or(0.0, |preview| preview.opacity);
         mesh.write(&queue, extracted, opacity);
         let preview = preview.and_then(|preview| preview.gpu.as_ref());
-        mesh.bind(&device, &cache, &pipelines, terrain, preview);
+        mesh.bind(&device, &cache, &pipelines, &pages, terrain, preview);
     }
     meshes.meshes.retain(|_, mesh| mesh.seen);
 }

@@ -2,6 +2,7 @@
 //! two later without waiting for it.
 
 use super::gpu_types::{GpuTerrainCounters, GpuTerrainDrawArgs};
+use crate::stream::{TerrainState, TerrainStreamer};
 use crate::terrain::TerrainCamera;
 use bevy::diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, RegisterDiagnostic};
 use bevy::ecs::entity::EntityHashMap;
@@ -84,6 +85,12 @@ impl TerrainDiagnostics {
     pub const OVERFLOWS: DiagnosticPath = DiagnosticPath::const_new("terrain/overflows");
     /// The largest widening of triangles because of a budget; 1 where none is reached.
     pub const WIDTH_SCALE: DiagnosticPath = DiagnosticPath::const_new("terrain/width_scale");
+    /// Pages in use.
+    pub const PAGES: DiagnosticPath = DiagnosticPath::const_new("terrain/pages");
+    /// Tiles that were asked for and have no page yet.
+    pub const TILES_LOADING: DiagnosticPath = DiagnosticPath::const_new("terrain/tiles_loading");
+    /// How many levels short of what the views ask for the ground is, where it is worst.
+    pub const LEVELS_SHORT: DiagnosticPath = DiagnosticPath::const_new("terrain/levels_short");
 }
 
 type Shared = HashMap<(MainEntity, MainEntity), TerrainViewStatistics>;
@@ -110,6 +117,9 @@ impl Plugin for StatisticsPlugin {
             .register_diagnostic(Diagnostic::new(TerrainDiagnostics::TRIANGLES))
             .register_diagnostic(Diagnostic::new(TerrainDiagnostics::OVERFLOWS))
             .register_diagnostic(Diagnostic::new(TerrainDiagnostics::WIDTH_SCALE))
+            .register_diagnostic(Diagnostic::new(TerrainDiagnostics::PAGES))
+            .register_diagnostic(Diagnostic::new(TerrainDiagnostics::TILES_LOADING))
+            .register_diagnostic(Diagnostic::new(TerrainDiagnostics::LEVELS_SHORT))
             .insert_resource(shared.clone())
             .add_systems(First, publish);
         if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
@@ -121,8 +131,16 @@ impl Plugin for StatisticsPlugin {
 fn publish(
     shared: Res<SharedStatistics>,
     mut cameras: Query<(Entity, &mut TerrainStatistics)>,
+    terrains: Query<&TerrainState>,
+    streamer: Res<TerrainStreamer>,
     mut diagnostics: Diagnostics,
 ) {
+    let short = terrains.iter().map(TerrainState::levels_short).max();
+    let (pages, loading) = (streamer.pages_used(), streamer.tiles_loading());
+    diagnostics.add_measurement(&TerrainDiagnostics::PAGES, || pages.into());
+    diagnostics.add_measurement(&TerrainDiagnostics::TILES_LOADING, || loading as f64);
+    let short = short.unwrap_or(0);
+    diagnostics.add_measurement(&TerrainDiagnostics::LEVELS_SHORT, || short.into());
     for (_, mut statistics) in &mut cameras {
         statistics.bypass_change_detection().terrains.clear();
     }

@@ -79,11 +79,12 @@ impl PageTable {
         (page != Self::NONE).then_some(page)
     }
 
-    /// Says which page holds a tile. An address beyond the terrain is ignored.
-    pub(crate) fn set(&mut self, address: TileAddress, page: Option<u32>) {
-        if let Some(index) = self.index(address) {
-            self.flat[index] = page.unwrap_or(Self::NONE);
-        }
+    /// Says which page holds a tile. Returns the place of that in [`flat`](Self::flat); `None`, and
+    /// nothing done, for an address beyond the terrain.
+    pub(crate) fn set(&mut self, address: TileAddress, page: Option<u32>) -> Option<u32> {
+        let index = self.index(address)?;
+        self.flat[index] = page.unwrap_or(Self::NONE);
+        Some(index as u32)
     }
 
     /// Whether the terrain has a square at this address, stored or not.

@@ -1,10 +1,16 @@
 //! What is resident, what is on its way out, and the field that follows from both.
 
 use super::PageTable;
+use super::changes::ChangeLog;
+use super::fade::{Fade, FadeView};
 use crate::lattice::{Lattice, ResidencyField, ViewLod};
+use crate::residency::ResidentTiles;
+use crate::terrain::TerrainManifest;
 use crate::tile::TileAddress;
 use glam::{IVec2, UVec2};
 
+/// Corners that are no further apart than this are noted as one change.
+const RUN_GAP: u32 = 64;
 /// Rank of a tile that no view wants.
 const UNWANTED: u32 = u32::MAX;
 
@@ -40,46 +46,69 @@ struct Cells {
 pub(super) struct Residency {
     lattice: Lattice,
     pub(super) pages: PageTable,
+    pub(super) resident: ResidentTiles,
     pub(super) field: ResidencyField,
+    /// By page. Pages are numbers from a pool that other terrains draw from too.
     residents: Vec<Option<Resident>>,
-    /// Free pages, the next one last.
-    free: Vec<u32>,
+    resident_count: usize,
     leaving: Vec<u32>,
     plan: u64,
+    /// Pages of tiles that no view wanted in the latest plan, those to go first in front.
+    unwanted: Vec<u32>,
     /// Finest level readable all over a cell, cell by cell.
     cells: Vec<u8>,
     /// Corners that are not where they should be.
     moving: Vec<u32>,
+    /// Corners that have moved in this step.
+    moved: Vec<u32>,
     is_moving: Vec<bool>,
-    /// What is left over of the last step, in 1/256 levels.
-    carry: f32,
-    pub(super) pages_version: u64,
-    pub(super) field_version: u64,
+    /// Whether corners go where they should be without fading: nothing has been seen yet.
+    pub(super) is_appearing: bool,
+    /// Steps so far, which spreads the rounding of slow fades over frames.
+    steps: u64,
+    /// Changes of the page table; its version rises with what the pages hold too.
+    pub(super) page_log: ChangeLog,
+    pub(super) field_log: ChangeLog,
 }
 
 impl Residency {
-    pub(super) fn new(lattice: &Lattice, pages: PageTable, capacity: u32) -> Self {
+    pub(super) fn new(lattice: &Lattice, manifest: &TerrainManifest) -> Self {
         let root_level = lattice.root_level.unsigned_abs() as u8;
         let field = ResidencyField::new(lattice, root_level);
         Self {
             lattice: *lattice,
-            pages,
-            residents: vec![None; capacity as usize],
-            free: (0..capacity).rev().collect(),
+            pages: PageTable::new(&manifest.file),
+            resident: ResidentTiles::new(&manifest.index),
+            residents: Vec::new(),
+            resident_count: 0,
             leaving: Vec::new(),
             plan: 0,
+            unwanted: Vec::new(),
             cells: vec![root_level; (field.cells.x * field.cells.y) as usize],
             moving: Vec::new(),
+            moved: Vec::new(),
             is_moving: vec![false; field.corners.len()],
             field,
-            carry: 0.0,
-            pages_version: 1,
-            field_version: 1,
+            is_appearing: true,
+            steps: 0,
+            page_log: ChangeLog::default(),
+            field_log: ChangeLog::default(),
         }
     }
 
     pub(super) fn resident_count(&self) -> usize {
-        self.residents.len() - self.free.len()
+        self.resident_count
+    }
+
+    /// Tiles whose pages will be free once they have faded.
+    pub(super) fn leaving_count(&self) -> usize {
+        self.leaving.len()
+    }
+
+    /// Resident tiles with their pages, in the order of pages.
+    pub(super) fn residents(&self) -> impl Iterator<Item = (u32, TileAddress)> {
+        let residents = (0..).zip(&self.residents);
+        residents.filter_map(|(page, tile)| Some((page, tile.as_ref()?.address)))
     }
 
     /// Whether no tile is leaving and no corner on its way.
@@ -102,18 +131,28 @@ impl Residency {
         self.residents.get_mut(page as usize)?.as_mut()
     }
 
+    fn set_page(&mut self, address: TileAddress, page: Option<u32>) {
+        if let Some(index) = self.pages.set(address, page) {
+            self.page_log.note(index..index + 1);
+        }
+    }
+
     fn is_root(&self, address: TileAddress) -> bool {
         i32::from(address.level) == self.lattice.root_level
     }
 
-    /// Takes over a plan: `wanted`, best first, parents before their children.
-    pub(super) fn apply_plan(&mut self, wanted: &[TileAddress]) {
-        self.plan += 1;
+    /// Takes over plan number `plan`: `wanted`, each tile with its rank, parents before their
+    /// children.
+    pub(super) fn apply_plan(
+        &mut self,
+        plan: u64,
+        wanted: impl IntoIterator<Item = (TileAddress, u32)>,
+    ) {
+        self.plan = plan;
         for tile in self.residents.iter_mut().flatten() {
             tile.rank = UNWANTED;
         }
-        let plan = self.plan;
-        for (rank, &address) in (0..).zip(wanted) {
+        for (address, rank) in wanted {
             let Some(page) = self.pages.get(address) else {
                 continue;
             };
@@ -128,11 +167,32 @@ impl Residency {
                 self.refresh_cells(address);
             }
         }
+        let Self {
+            residents,
+            unwanted,
+            ..
+        } = self;
+        unwanted.clear();
+        let pages = (0..).zip(residents.iter());
+        unwanted.extend(
+            pages
+                .filter(|(_, tile)| tile.is_some_and(|tile| tile.rank == UNWANTED && !tile.leaving))
+                .map(|(page, _)| page),
+        );
+        unwanted.sort_unstable_by_key(|&page| {
+            let tile = residents[page as usize].as_ref();
+            tile.map(|tile| (tile.wanted_at, tile.address.level, page))
+        });
     }
 
-    /// Makes a tile resident. `None`, and nothing done, where there is no free page or where its
-    /// parent is not readable.
-    pub(super) fn activate(&mut self, address: TileAddress, rank: u32) -> Option<u32> {
+    /// Makes a tile resident on the page that `page` gives. `None`, and nothing done, where it
+    /// gives none or where the tile's parent is not readable.
+    pub(super) fn activate(
+        &mut self,
+        address: TileAddress,
+        rank: u32,
+        page: impl FnOnce() -> Option<u32>,
+    ) -> Option<u32> {
         let is_root = self.is_root(address);
         if !is_root && !self.is_readable(address.parent()) {
             return None;
@@ -140,12 +200,15 @@ impl Residency {
         if !self.pages.holds(address) || self.pages.get(address).is_some() {
             return None;
         }
-        let page = self.free.pop()?;
+        let page = page()?;
         if !is_root
             && let Some(parent) = self.pages.get(address.parent())
             && let Some(parent) = self.resident_mut(parent)
         {
             parent.children += 1;
+        }
+        if self.residents.len() <= page as usize {
+            self.residents.resize(page as usize + 1, None);
         }
         self.residents[page as usize] = Some(Resident {
             address,
@@ -154,35 +217,81 @@ impl Residency {
             children: 0,
             leaving: false,
         });
-        self.pages.set(address, Some(page));
-        self.pages_version += 1;
+        self.resident_count += 1;
+        self.resident.insert(address);
+        self.set_page(address, Some(page));
         self.refresh_cells(address);
         Some(page)
     }
 
-    /// Sees to it that `wanted` pages are free or on their way to be, as far as there are tiles
-    /// that no view wants: those go first that have been unwanted for longest.
-    pub(super) fn make_room(&mut self, wanted: usize) {
-        while self.free.len() + self.leaving.len() < wanted {
-            let victim = (0..)
-                .zip(&self.residents)
-                .filter_map(|(page, tile)| Some((page, (*tile)?)))
-                .filter(|(_, tile)| {
-                    tile.rank == UNWANTED
-                        && !tile.leaving
-                        && tile.children == 0
-                        && !self.is_root(tile.address)
-                })
-                .min_by_key(|(page, tile)| (tile.wanted_at, tile.address.level, *page));
-            let Some((page, tile)) = victim else {
-                return;
-            };
-            if let Some(tile) = self.resident_mut(page) {
-                tile.leaving = true;
-            }
-            self.leaving.push(page);
-            self.refresh_cells(tile.address);
+    /// The tile on a page.
+    pub(super) fn tile_on(&self, page: u32) -> Option<TileAddress> {
+        self.resident(page).map(|tile| tile.address)
+    }
+
+    /// The page of a tile without resident children that isn't leaving and that `picks` picks.
+    pub(super) fn childless_where(&self, picks: impl Fn(TileAddress) -> bool) -> Option<u32> {
+        let pages = (0..).zip(&self.residents);
+        pages
+            .filter_map(|(page, tile)| Some((page, tile.as_ref()?)))
+            .find(|(_, tile)| {
+                tile.children == 0
+                    && !tile.leaving
+                    && !self.is_root(tile.address)
+                    && picks(tile.address)
+            })
+            .map(|(page, _)| page)
+    }
+
+    /// A page in use from number `limit` on.
+    pub(super) fn page_beyond(&self, limit: u32) -> Option<u32> {
+        let pages = (limit..).zip(self.residents.iter().skip(limit as usize));
+        pages
+            .filter(|(_, tile)| tile.is_some())
+            .map(|(page, _)| page)
+            .next()
+    }
+
+    /// Moves a tile to another page.
+    pub(super) fn relocate(&mut self, from: u32, to: u32) {
+        let Some(tile) = self.residents.get_mut(from as usize).and_then(Option::take) else {
+            return;
+        };
+        if self.residents.len() <= to as usize {
+            self.residents.resize(to as usize + 1, None);
         }
+        self.residents[to as usize] = Some(tile);
+        for page in self.leaving.iter_mut().chain(&mut self.unwanted) {
+            if *page == from {
+                *page = to;
+            }
+        }
+        self.set_page(tile.address, Some(to));
+    }
+
+    /// The tile that may go first, if any may: no view wants it, and it has no resident child.
+    /// The least of what is returned goes first, across terrains.
+    pub(super) fn first_to_go(&self) -> Option<(u64, u8, u32)> {
+        self.unwanted.iter().find_map(|&page| {
+            let tile = self.resident(page)?;
+            let may = tile.rank == UNWANTED
+                && !tile.leaving
+                && tile.children == 0
+                && !self.is_root(tile.address);
+            may.then_some((tile.wanted_at, tile.address.level, page))
+        })
+    }
+
+    /// Begins to fade the tile on `page` out, whose page is then freed.
+    pub(super) fn send_off(&mut self, page: u32) {
+        let Some(tile) = self.resident_mut(page) else {
+            return;
+        };
+        tile.leaving = true;
+        let address = tile.address;
+        self.unwanted.retain(|&other| other != page);
+        self.leaving.push(page);
+        self.refresh_cells(address);
     }
 
     /// Frees the pages of leaving tiles that the field has faded away from, and hands each page
@@ -201,9 +310,9 @@ impl Residency {
             }
             self.leaving.swap_remove(at);
             self.residents[page as usize] = None;
-            self.pages.set(address, None);
-            self.pages_version += 1;
-            self.free.push(page);
+            self.resident_count -= 1;
+            self.resident.remove(address);
+            self.set_page(address, None);
             if let Some(parent) = self.pages.get(address.parent())
                 && let Some(parent) = self.resident_mut(parent)
             {
@@ -260,12 +369,22 @@ impl Residency {
                 address.level + 1
             }
         });
+        let mut changed = false;
         for z in low.y..high.y {
             for x in low.x..high.x {
                 let cell = UVec2::new(x, z);
                 let level = known.unwrap_or_else(|| self.finest_readable(cell));
-                self.cells[(z * self.field.cells.x + x) as usize] = level;
+                let known = &mut self.cells[(z * self.field.cells.x + x) as usize];
+                changed |= *known != level;
+                *known = level;
             }
+        }
+        if !changed {
+            return;
+        }
+        if self.is_appearing {
+            self.jump(Cells { low, high });
+            return;
         }
         for z in low.y..=high.y {
             for x in low.x..=high.x {
@@ -319,24 +438,34 @@ impl Residency {
         u16::from(level) << 8
     }
 
-    /// Moves the corners that aren't where they should be by `levels`, or all the way where no
-    /// view would see it.
-    pub(super) fn step(&mut self, levels: f32, views: &[ViewLod]) {
+    /// Puts the corners of `cells` where they should be, at once.
+    fn jump(&mut self, cells: Cells) {
+        for z in cells.low.y..=cells.high.y {
+            for x in cells.low.x..=cells.high.x {
+                let corner = UVec2::new(x, z);
+                let index = self.field.corner_index(corner);
+                self.field.corners[index] = self.target(corner);
+            }
+        }
+        let first = self.field.corner_index(cells.low) as u32;
+        let last = self.field.corner_index(cells.high) as u32;
+        self.field_log.note(first..last + 1);
+    }
+
+    /// Moves the corners that aren't where they should be as far as `fade` lets them, or all the
+    /// way where no view would see it. `rise_m` says how far the ground of a tile is from its parent's,
+    /// in metres at most, given both pages.
+    pub(super) fn step(
+        &mut self,
+        fade: Fade,
+        views: &[FadeView],
+        mut rise_m: impl FnMut(TileAddress, u32, u32) -> f32,
+    ) {
         if self.moving.is_empty() {
             return;
         }
-        // 16 levels are more than most terrains have. Not a number, as 0 s at an endless rate is,
-        // is not above 0.
-        let levels = if levels > 0.0 { levels.min(16.0) } else { 0.0 };
-        let step = self.carry + levels * 256.0;
-        self.carry = step.fract();
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "within 0..=4097"
-        )]
-        let step = step as u16;
-        let mut changed = false;
+        self.steps += 1;
+        self.moved.clear();
         let mut at = 0;
         while at < self.moving.len() {
             let index = self.moving[at] as usize;
@@ -346,12 +475,22 @@ impl Residency {
             let value = self.field.corners[index];
             let moved = if self.is_unseen(corner, target, views) {
                 target
-            } else if value < target {
-                target.min(value.saturating_add(step))
             } else {
-                target.max(value.saturating_sub(step))
+                let px = if fade.max_px < f32::INFINITY {
+                    self.pixels_a_level(corner, target, views, &mut rise_m)
+                } else {
+                    0.0
+                };
+                let step = fade.step(px, self.steps);
+                if value < target {
+                    target.min(value.saturating_add(step))
+                } else {
+                    target.max(value.saturating_sub(step))
+                }
             };
-            changed |= moved != value;
+            if moved != value {
+                self.moved.push(index as u32);
+            }
             self.field.corners[index] = moved;
             if moved == target {
                 self.is_moving[index] = false;
@@ -360,15 +499,62 @@ impl Residency {
                 at += 1;
             }
         }
-        if changed {
-            self.field_version += 1;
+        self.moved.sort_unstable();
+        let near = |pair: &[u32]| pair[1] - pair[0] < RUN_GAP;
+        for run in self.moved.chunk_by(|&a, &b| near(&[a, b])) {
+            if let [first, .., last] | [first @ last] = run {
+                self.field_log.note(*first..*last + 1);
+            }
         }
+    }
+
+    /// How far a level's difference is seen at most where a corner has a say, in pixels: the
+    /// largest of all levels that are blended there and of all views.
+    fn pixels_a_level(
+        &self,
+        corner: UVec2,
+        target: u16,
+        views: &[FadeView],
+        rise_m: &mut impl FnMut(TileAddress, u32, u32) -> f32,
+    ) -> f32 {
+        let low = corner.saturating_sub(UVec2::ONE);
+        let high = (corner + 1).min(self.field.cells);
+        let (mut finest, mut coarsest) = (target, target);
+        for z in low.y..=high.y {
+            let first = self.field.corner_index(UVec2::new(low.x, z));
+            let last = self.field.corner_index(UVec2::new(high.x, z));
+            for &value in &self.field.corners[first..=last] {
+                finest = finest.min(value);
+                coarsest = coarsest.max(value);
+            }
+        }
+        let cells = Cells { low, high };
+        let mut rise: f32 = 0.0;
+        for level in finest >> 8..(coarsest + 255) >> 8 {
+            for tile in self.tiles_in(cells, level as u8) {
+                let pages = [tile, tile.parent()].map(|tile| self.pages.get(tile));
+                if let [Some(page), Some(parent)] = pages {
+                    rise = rise.max(rise_m(tile, page, parent));
+                }
+            }
+        }
+        let (low, high) = self.box_of(cells);
+        let seen = views.iter().map(|view| view.pixels(rise, low, high));
+        seen.fold(0.0, f32::max)
+    }
+
+    /// The part of the lattice that cells cover.
+    fn box_of(&self, cells: Cells) -> (IVec2, IVec2) {
+        let log2 = UVec2::splat(self.field.cell_log2);
+        let low = (cells.low << log2).as_ivec2();
+        let high = (cells.high << log2).as_ivec2().min(self.lattice.extent);
+        (low, high)
     }
 
     /// Whether no view would see this corner jump to `target`: whether, wherever the corner has
     /// a say, every view reads more coarsely than the field asks for, before and after. The
     /// neighbouring corners count too: where they keep the field up, the blend shows this one.
-    fn is_unseen(&self, corner: UVec2, target: u16, views: &[ViewLod]) -> bool {
+    fn is_unseen(&self, corner: UVec2, target: u16, views: &[FadeView]) -> bool {
         let low = corner.saturating_sub(UVec2::ONE);
         let high = (corner + 1).min(self.field.cells);
         let mut level = target;
@@ -378,12 +564,10 @@ impl Residency {
             let row = &self.field.corners[first..=last];
             level = row.iter().copied().fold(level, u16::max);
         }
-        let log2 = UVec2::splat(self.field.cell_log2);
-        let low = (low << log2).as_ivec2();
-        let high = (high << log2).as_ivec2().min(self.lattice.extent);
+        let (low, high) = self.box_of(Cells { low, high });
         views
             .iter()
-            .all(|view| finest_detail(&self.lattice, view, low, high) >= i32::from(level))
+            .all(|view| finest_detail(&self.lattice, &view.lod, low, high) >= i32::from(level))
     }
 
     /// Checks that every promise of this module is kept; says which one isn't.
@@ -393,7 +577,7 @@ impl Residency {
         for (page, tile) in residents.filter_map(|(page, tile)| Some((page, tile.as_ref()?))) {
             count += 1;
             let address = tile.address;
-            if self.pages.get(address) != Some(page) {
+            if self.pages.get(address) != Some(page) || !self.resident.contains(address) {
                 return Err(format!(
                     "page {page} holds {address}, the table says otherwise"
                 ));
@@ -415,9 +599,10 @@ impl Residency {
             .flat()
             .iter()
             .filter(|&&page| page != PageTable::NONE);
-        if listed.count() != count || count + self.free.len() != self.residents.len() {
+        if listed.count() != count || count != self.resident_count || count != self.resident.count()
+        {
             return Err(format!(
-                "{count} tiles are resident, page table or free list differ"
+                "{count} tiles are resident, page table or count differ"
             ));
         }
         for z in 0..self.field.cells.y {
@@ -467,6 +652,12 @@ impl Residency {
 
     /// A tile of `level` within `cells` that is not resident.
     fn first_hole(&self, cells: Cells, level: u8) -> Option<TileAddress> {
+        self.tiles_in(cells, level)
+            .find(|&tile| self.pages.holds(tile) && self.pages.get(tile).is_none())
+    }
+
+    /// The squares of `level` that touch `cells`.
+    fn tiles_in(&self, cells: Cells, level: u8) -> impl Iterator<Item = TileAddress> + use<> {
         let cell_level = self.cell_level();
         let level_bits = u32::from(level);
         let (low, high) = if level_bits >= cell_level {
@@ -477,8 +668,7 @@ impl Residency {
             (cells.low << log2, cells.high << log2)
         };
         (low.y..high.y)
-            .flat_map(|z| (low.x..high.x).map(move |x| TileAddress::new(level, x, z)))
-            .find(|&tile| self.pages.holds(tile) && self.pages.get(tile).is_none())
+            .flat_map(move |z| (low.x..high.x).map(move |x| TileAddress::new(level, x, z)))
     }
 }
 

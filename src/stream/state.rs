@@ -1,15 +1,18 @@
 //! A terrain's run-time state: what is resident and what is on its way.
 
-use super::planner::Planner;
+use super::fade::FadeView;
 use super::residency::Residency;
 use super::{PageTable, TileBounds};
 use crate::detail::{DetailKernel, TerrainDetail};
-use crate::lattice::{DEFAULT_FACES_PER_SIDE, Lattice, LatticeError, ResidencyField, ViewLod};
+use crate::lattice::{DEFAULT_FACES_PER_SIDE, Lattice, LatticeError, ResidencyField};
+use crate::residency::{Availability, EyePath, PinnedRegion};
 use crate::terrain::{TerrainManifest, TerrainSettings};
-use crate::tile::{TerrainTile, TileAddress};
+use crate::tile::{HeightTile, TILE_SAMPLES, TerrainTile, TileAddress};
 use bevy::asset::{AssetId, AssetPath};
 use bevy::prelude::*;
-use std::collections::HashSet;
+use std::collections::{HashMap, VecDeque};
+#[cfg(feature = "render")]
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -22,6 +25,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 #[derive(Component, Debug)]
 pub struct TerrainState {
     pub(super) manifest: Arc<TerrainManifest>,
+    /// Bounds of all that may be drawn: the manifest's and, while tiles of a former one are about,
+    /// that one's too.
+    pub(super) bounds: Arc<TerrainManifest>,
+    pub(super) bounds_version: u64,
     pub(super) manifest_id: AssetId<TerrainManifest>,
     /// The manifest's path; tiles lie beside it.
     pub(super) manifest_path: AssetPath<'static>,
@@ -29,17 +36,42 @@ pub struct TerrainState {
     pub(super) raw_settings: TerrainSettings,
     pub(super) settings: TerrainSettings,
     pub(super) residency: Residency,
-    pub(super) planner: Planner,
-    /// Handles and entities of the resident tiles, by page.
+    pub(super) available: Availability,
+    /// The resident tiles, by page.
     pub(super) slots: Vec<Option<Slot>>,
     /// Tiles that were asked for and aren't resident yet.
     pub(super) loading: Vec<Loading>,
-    /// Tiles that are missing or corrupt; they are not asked for again.
-    pub(super) failed: HashSet<TileAddress>,
-    /// How far down the plan tiles have been asked for.
-    pub(super) cursor: usize,
-    /// The views of this terrain, refilled every frame.
-    pub(super) views: Vec<ViewLod>,
+    /// Tiles that are missing or corrupt.
+    pub(super) failed: HashMap<TileAddress, Failure>,
+    /// Whether the latest plan has been asked for to its end.
+    pub(super) is_requested: bool,
+    /// Tiles of this terrain in the latest plan.
+    pub(super) wanted_count: usize,
+    /// Whether something has changed that plans follow from.
+    pub(super) must_plan: bool,
+    /// Tiles that are to be read again, and assets that are being.
+    pub(super) to_refresh: VecDeque<TileAddress>,
+    pub(super) refreshing: Vec<(AssetId<TerrainTile>, f64)>,
+    /// Whether files have changed, so that assets that are still in memory can't be trusted.
+    pub(super) was_refreshed: bool,
+    /// Whether a resident tile's file couldn't be read again.
+    pub(super) has_complaints: bool,
+    /// Whether tiles are resident that the manifest doesn't have any more.
+    pub(super) has_strays: bool,
+    /// Whether another state waits to take this one's place.
+    pub(super) has_next: bool,
+    /// Changes with what has failed.
+    pub(super) failures_version: u64,
+    /// Whether another state of the same terrain is drawn until this one has its coarsest tiles.
+    pub(super) is_next: bool,
+    pub(super) is_short_of_pages: bool,
+    pub(super) levels_short: u8,
+    /// The views of this terrain, refilled every frame, and those of the latest plan.
+    pub(super) eyes: Vec<EyePath>,
+    pub(super) planned_eyes: Vec<EyePath>,
+    pub(super) fades: Vec<FadeView>,
+    pub(super) pins: Vec<PinnedRegion>,
+    pub(super) planned_pins: Vec<PinnedRegion>,
     pub(super) lattice: Lattice,
     /// The detail as the game gave it, and as it is evaluated.
     pub(super) raw_detail: Option<TerrainDetail>,
@@ -47,22 +79,47 @@ pub struct TerrainState {
     instance: u64,
 }
 
-/// The next state's instance.
+/// The next state's instance; 0 stands for none.
 static INSTANCE: AtomicU64 = AtomicU64::new(1);
 
-/// What a page holds. The handle keeps the tile loaded even where a game despawns its entity.
+/// The next content's number.
+static CONTENT: AtomicU64 = AtomicU64::new(1);
+
+/// A resident tile. The handle keeps the asset loaded even where a game despawns the tile's entity.
 #[derive(Debug)]
 pub(super) struct Slot {
     pub(super) entity: Entity,
-    _tile: Handle<TerrainTile>,
+    pub(super) handle: Handle<TerrainTile>,
+    /// What is drawn and asked: the asset's content, shared with it until either changes.
+    pub(super) tile: TerrainTile,
+    /// Changes with the content, and differs from all others'.
+    pub(super) content: u64,
+    /// How far the ground is from the parent tile's at most, in metres, once somebody has asked.
+    rise_m: Option<f32>,
+    /// Why its file, which has changed, can't be used; empty where there is nothing to say.
+    pub(super) complaint: String,
+    /// When the file is asked for again, seconds of real time.
+    pub(super) retry_at_s: Option<f64>,
 }
 
 impl Slot {
-    pub(super) const fn new(entity: Entity, tile: Handle<TerrainTile>) -> Self {
+    pub(super) fn new(entity: Entity, handle: Handle<TerrainTile>, tile: TerrainTile) -> Self {
         Self {
             entity,
-            _tile: tile,
+            handle,
+            tile,
+            content: CONTENT.fetch_add(1, Ordering::Relaxed),
+            rise_m: None,
+            complaint: String::new(),
+            retry_at_s: None,
         }
+    }
+
+    pub(super) fn replace(&mut self, tile: TerrainTile) {
+        self.tile = tile;
+        self.content = CONTENT.fetch_add(1, Ordering::Relaxed);
+        self.rise_m = None;
+        self.complaint.clear();
     }
 }
 
@@ -70,10 +127,24 @@ impl Slot {
 #[derive(Debug)]
 pub(super) struct Loading {
     pub(super) address: TileAddress,
+    /// Place in the latest plan.
     pub(super) rank: u32,
-    pub(super) tile: Handle<TerrainTile>,
-    /// The asset has loaded.
+    pub(super) handle: Handle<TerrainTile>,
+    /// When it was asked for, seconds of real time.
+    pub(super) since_s: f64,
+    /// The asset has loaded and is this terrain's.
     pub(super) is_ready: bool,
+    /// The asset was an older one and is being read again.
+    pub(super) is_stale: bool,
+}
+
+/// What is known of a tile that could not be read.
+#[derive(Debug)]
+pub(super) struct Failure {
+    pub(super) attempts: u32,
+    /// When it is asked for again, seconds of real time; `None` once it is.
+    pub(super) retry_at_s: Option<f64>,
+    pub(super) reason: String,
 }
 
 impl TerrainState {
@@ -92,22 +163,37 @@ impl TerrainState {
             settings.leaf_level,
             DEFAULT_FACES_PER_SIDE,
         )?;
-        let residency = Residency::new(&lattice, PageTable::new(file), settings.page_capacity);
-        let mut slots = Vec::new();
-        slots.resize_with(settings.page_capacity as usize, || None);
         Ok(Self {
+            residency: Residency::new(&lattice, &manifest),
+            available: Availability::new(&manifest.index),
+            bounds: Arc::clone(&manifest),
+            bounds_version: 0,
             manifest,
             manifest_id,
             manifest_path,
             raw_settings: settings.clone(),
             settings,
-            residency,
-            planner: Planner::default(),
-            slots,
+            slots: Vec::new(),
             loading: Vec::new(),
-            failed: HashSet::new(),
-            cursor: 0,
-            views: Vec::new(),
+            failed: HashMap::new(),
+            is_requested: false,
+            wanted_count: 0,
+            must_plan: true,
+            to_refresh: VecDeque::new(),
+            refreshing: Vec::new(),
+            was_refreshed: false,
+            has_complaints: false,
+            has_strays: false,
+            has_next: false,
+            failures_version: 0,
+            is_next: false,
+            is_short_of_pages: false,
+            levels_short: 0,
+            eyes: Vec::new(),
+            planned_eyes: Vec::new(),
+            fades: Vec::new(),
+            pins: Vec::new(),
+            planned_pins: Vec::new(),
             lattice,
             raw_detail: None,
             detail: DetailKernel::default(),
@@ -135,7 +221,15 @@ impl TerrainState {
         &self.manifest
     }
 
-    /// Which page holds which tile.
+    /// What bounds the ground that may be drawn in this frame, and a number that changes with it
+    /// within an [`instance`](Self::instance): the manifest, but where it has changed and tiles of the
+    /// former one are still resident.
+    #[cfg(feature = "render")]
+    pub(crate) const fn drawn_bounds(&self) -> (&Arc<TerrainManifest>, u64) {
+        (&self.bounds, self.bounds_version)
+    }
+
+    /// Which page holds which tile. Pages are numbered across all terrains, which share them.
     #[must_use]
     pub const fn pages(&self) -> &PageTable {
         &self.residency.pages
@@ -154,24 +248,31 @@ impl TerrainState {
         self.instance
     }
 
-    /// Changes whenever [`pages`](Self::pages) does. Begins anew with every
+    /// Changes whenever [`pages`](Self::pages) or what they hold does. Begins anew with every
     /// [`instance`](Self::instance).
     #[must_use]
     pub const fn pages_version(&self) -> u64 {
-        self.residency.pages_version
+        self.residency.page_log.version()
     }
 
     /// Changes whenever [`field`](Self::field) does; begins anew with every
     /// [`instance`](Self::instance).
     #[must_use]
     pub const fn field_version(&self) -> u64 {
-        self.residency.field_version
+        self.residency.field_log.version()
     }
 
-    /// The most tiles that are resident at once; pages count from 0 up to this.
-    #[must_use]
-    pub fn capacity(&self) -> u32 {
-        self.slots.len() as u32
+    #[cfg(feature = "render")]
+    /// What of the page table has changed since [`pages_version`](Self::pages_version) was `known`;
+    /// `None` where that is too long ago.
+    pub(crate) fn page_changes(&self, known: u64) -> Option<impl Iterator<Item = Range<u32>>> {
+        self.residency.page_log.since(known)
+    }
+
+    #[cfg(feature = "render")]
+    /// The same of the field's corners.
+    pub(crate) fn field_changes(&self, known: u64) -> Option<impl Iterator<Item = Range<u32>>> {
+        self.residency.field_log.since(known)
     }
 
     /// Tiles that are resident.
@@ -186,21 +287,43 @@ impl TerrainState {
         self.loading.len()
     }
 
-    /// Tiles that the views want, resident or not, as far as the capacity goes.
-    #[must_use]
-    pub fn wanted_count(&self) -> usize {
-        self.planner.wanted().len()
+    /// Which tiles those are.
+    pub fn loading(&self) -> impl ExactSizeIterator<Item = TileAddress> {
+        self.loading.iter().map(|loading| loading.address)
     }
 
-    /// Whether the views want more tiles than the capacity holds.
+    /// Tiles that this terrain's views and pins want, resident or not, as far as the memory goes.
     #[must_use]
-    pub fn is_short_of_pages(&self) -> bool {
-        self.planner.is_truncated()
+    pub const fn wanted_count(&self) -> usize {
+        self.wanted_count
     }
 
-    /// Tiles that turned out to be missing or corrupt.
+    /// Whether the views want more tiles now than there is memory for.
+    #[must_use]
+    pub const fn is_short_of_pages(&self) -> bool {
+        self.is_short_of_pages
+    }
+
+    /// How many levels short of what the views ask for the ground is, where it is worst: 0 where
+    /// every tile that a view reads is resident, 1 where a parent stands in, and so on.
+    #[must_use]
+    pub const fn levels_short(&self) -> u8 {
+        self.levels_short
+    }
+
+    /// Tiles that turned out to be missing or corrupt, as far as they haven't been read since. They
+    /// are asked for again from time to time.
     pub fn failed(&self) -> impl ExactSizeIterator<Item = TileAddress> {
-        self.failed.iter().copied()
+        self.failed.keys().copied()
+    }
+
+    /// Whether a tile can't be read, or one that it lies in.
+    pub(super) fn has_failed(&self, address: TileAddress) -> bool {
+        let root_level = self.root().level;
+        !self.failed.is_empty()
+            && (address.level..=root_level)
+                .filter_map(|level| address.ancestor(level))
+                .any(|tile| self.failed.contains_key(&tile))
     }
 
     /// The entity of a resident tile.
@@ -210,8 +333,31 @@ impl TerrainState {
             .map(|slot| slot.entity)
     }
 
+    /// What a resident tile holds: that which is drawn.
+    #[must_use]
+    pub fn tile_data(&self, address: TileAddress) -> Option<&TerrainTile> {
+        self.slot(self.pages().get(address)?).map(|slot| &slot.tile)
+    }
+
+    #[cfg(feature = "render")]
+    /// The resident tiles with their pages, and numbers that change with what they hold.
+    pub(crate) fn contents(&self) -> impl Iterator<Item = (u32, TileAddress, u64, &TerrainTile)> {
+        self.residency.residents().filter_map(|(page, address)| {
+            let slot = self.slot(page)?;
+            Some((page, address, slot.content, &slot.tile))
+        })
+    }
+
     pub(super) fn slot(&self, page: u32) -> Option<&Slot> {
         self.slots.get(page as usize)?.as_ref()
+    }
+
+    pub(super) fn set_slot(&mut self, page: u32, slot: Slot) {
+        let page = page as usize;
+        if self.slots.len() <= page {
+            self.slots.resize_with(page + 1, || None);
+        }
+        self.slots[page] = Some(slot);
     }
 
     /// The coarsest tile, which covers the terrain.
@@ -226,14 +372,17 @@ impl TerrainState {
         self.pages().get(self.root()).is_some()
     }
 
-    /// Whether everything that the views want (and the capacity holds) is there and has faded in:
-    /// while the views stand still, nothing will change any more. The views are those of the last
-    /// [`TerrainSystems::Stream`](crate::terrain::TerrainSystems::Stream).
+    /// Whether everything that the views want, now or soon (and the memory holds), is there and has
+    /// faded in: while the views stand still, nothing will change any more. The views are those of
+    /// the last [`TerrainSystems::Stream`](crate::terrain::TerrainSystems::Stream).
     #[must_use]
     pub fn is_settled(&self) -> bool {
         self.is_ready()
             && self.loading.is_empty()
-            && self.cursor == self.planner.wanted().len()
+            && self.is_requested
+            && self.to_refresh.is_empty()
+            && self.refreshing.is_empty()
+            && !self.has_next
             && self.residency.is_still()
     }
 
@@ -242,6 +391,21 @@ impl TerrainState {
     pub fn bounds(&self, address: TileAddress) -> Option<TileBounds> {
         let range = self.manifest.index.get(address)?;
         Some(TileBounds::new(&self.manifest.file, address, range))
+    }
+
+    /// Moves the field's corners a frame further.
+    pub(super) fn step(&mut self, fade: super::fade::Fade) {
+        let Self {
+            residency,
+            slots,
+            fades,
+            manifest,
+            ..
+        } = self;
+        let step_m = manifest.file.height_step_m as f32;
+        residency.step(fade, fades, |address, page, parent| {
+            rise_m(slots, address, page, parent, step_m)
+        });
     }
 
     /// Checks the promises that streaming makes: wherever the field lets a level be read, that
@@ -255,11 +419,97 @@ impl TerrainState {
         let pages = self.pages().flat().iter();
         let mut resident = pages.filter(|&&page| page != PageTable::NONE);
         if resident.any(|&page| self.slot(page).is_none()) {
-            return Err("a resident tile has no handles".to_owned());
+            return Err("a resident tile has no data".to_owned());
         }
         if self.slots.iter().flatten().count() != self.resident_count() {
-            return Err("handles of a tile are kept that is not resident".to_owned());
+            return Err("data of a tile is kept that is not resident".to_owned());
         }
         Ok(())
+    }
+}
+
+/// How far the ground of the tile on `page` is from its parent's, in metres at most.
+fn rise_m(
+    slots: &mut [Option<Slot>],
+    address: TileAddress,
+    page: u32,
+    parent: u32,
+    height_step_m: f32,
+) -> f32 {
+    let of = |page: u32| slots.get(page as usize).and_then(Option::as_ref);
+    let (Some(slot), Some(coarse)) = (of(page), of(parent)) else {
+        return 0.0;
+    };
+    if let Some(known) = slot.rise_m {
+        return known;
+    }
+    let rise = level_rise(&slot.tile.heights, &coarse.tile.heights, address);
+    let rise_m = f32::from(rise) * height_step_m;
+    if let Some(slot) = &mut slots[page as usize] {
+        slot.rise_m = Some(rise_m);
+    }
+    rise_m
+}
+
+/// How far a tile's ground is from that of its parent at most, in stored units, rounded up. Both
+/// are bilinear between samples, so the greatest difference stands at one of the finer ones.
+fn level_rise(tile: &HeightTile, parent: &HeightTile, address: TileAddress) -> u16 {
+    let half = (TILE_SAMPLES / 2) as i32;
+    let first = [address.x, address.z].map(|at| (at % 2) as i32 * half);
+    let mut most = 0;
+    for z in 0..=TILE_SAMPLES as i32 {
+        let (near, far) = (first[1] + z / 2, first[1] + (z + 1) / 2);
+        // Twice the parent's height on its own columns.
+        let between = |x: i32| {
+            i32::from(parent.get(first[0] + x, near)) + i32::from(parent.get(first[0] + x, far))
+        };
+        let mut left = between(0);
+        for x in 0..half {
+            let right = between(x + 1);
+            let on = 4 * i32::from(tile.get(2 * x, z)) - 2 * left;
+            let beside = 4 * i32::from(tile.get(2 * x + 1, z)) - (left + right);
+            most = most.max(on.abs()).max(beside.abs());
+            left = right;
+        }
+        most = most.max((4 * i32::from(tile.get(2 * half, z)) - 2 * left).abs());
+    }
+    // Below four times 2^16.
+    ((most + 3) / 4) as u16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tile::{TILE_BORDER, TILE_STORED};
+
+    #[test]
+    fn the_rise_of_a_tile_is_the_greatest_difference_from_its_parents_ground() {
+        let made = |height: &dyn Fn(i32, i32) -> u16| {
+            let side = TILE_STORED as i32;
+            let border = TILE_BORDER as i32;
+            let samples = (0..side * side)
+                .map(|at| height(at % side - border, at / side - border))
+                .collect();
+            HeightTile::from_samples(samples).expect("as many as belong")
+        };
+        // A plane is the same on both levels, wherever the child lies.
+        for (x, z) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let address = TileAddress::new(0, x, z);
+            let at = |x: i32, z: i32| (3000 + 2 * x + 6 * z) as u16;
+            let parent = made(&|x, z| at(2 * x, 2 * z));
+            let (x, z) = (x as i32 * 128, z as i32 * 128);
+            let child = made(&|u, v| at(u + x, v + z));
+            assert_eq!(level_rise(&child, &parent, address), 0);
+            // A spike on an odd sample, a dent on the far corner.
+            for (u, v, by) in [(77, 31, 500_i32), (128, 128, -900), (0, 5, 3)] {
+                let mut spiked = child.clone();
+                let side = TILE_STORED as usize;
+                let index = (v as usize + 2) * side + u as usize + 2;
+                let sample = &mut spiked.samples_mut()[index];
+                *sample = (i32::from(*sample) + by) as u16;
+                let rise = level_rise(&spiked, &parent, address);
+                assert_eq!(i32::from(rise), by.abs());
+            }
+        }
     }
 }

@@ -1,202 +1,430 @@
-//! The systems that load, activate and evict tiles.
+//! The system that loads, activates and evicts tiles.
 
-use super::state::{Loading, Slot, TerrainState};
-use super::{TerrainTiles, TileData, TileOf, TilePage};
-use crate::detail::{DetailKernel, TerrainDetail};
+use super::cache::TileCache;
+use super::fade::{Fade, FadeView};
+use super::pool::PagePool;
+use super::settings::TerrainStreaming;
+use super::start::{NextTerrain, reason_of, refuse_change};
+use super::state::{Failure, Loading, Slot, TerrainState};
+use super::{TileData, TileOf, TilePage};
+use crate::residency::{EyePath, PlanTerrain, Planner, levels_short};
 use crate::terrain::{
-    Terrain, TerrainFailed, TerrainManifest, TerrainReady, TerrainSettings, TileEvicted,
-    TileFailed, TileLoaded,
+    TerrainFailed, TerrainManifest, TerrainReady, TerrainSettings, TileEvicted, TileFailed,
+    TileLoaded, TileReloaded,
 };
 use crate::tile::{TerrainTile, TileAddress};
 use crate::view::TerrainViews;
-use bevy::asset::io::AssetReaderError;
-use bevy::asset::{AssetId, AssetLoadError, AssetPath, LoadState};
-use bevy::log::{error, warn};
+use bevy::asset::{AssetId, AssetLoadFailedEvent, AssetPath, LoadState};
+use bevy::ecs::system::SystemParam;
+use bevy::log::{error, info, warn};
 use bevy::prelude::*;
 use bevy::time::Real;
+use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
-/// On a terrain whose manifest was refused, so that it is refused once.
-#[derive(Component)]
-pub(crate) struct TerrainRefused(AssetId<TerrainManifest>);
+/// A plan is made anew when an eye has moved further than a finest tile's side divided by two to
+/// this power.
+const REPLAN_LOG2: u32 = 3;
+/// The longest frame in which the ground moves as far as its time allows, in seconds.
+const LONGEST_FRAME_S: f32 = 1.0 / 30.0;
+/// Rank of a tile that is not in the latest plan.
+const UNWANTED: u32 = u32::MAX;
 
-/// Drops the state of terrains whose manifest has been replaced or has changed.
-pub(crate) fn reset_changed_terrains(
-    terrains: Query<(
+/// What all terrains stream with: the pages they share, the ranking of their tiles. A resource, for
+/// its figures.
+#[derive(Resource, Default, Debug)]
+pub struct TerrainStreamer {
+    raw_settings: Option<TerrainStreaming>,
+    settings: TerrainStreaming,
+    pool: PagePool,
+    planner: Planner,
+    /// Number of the latest plan.
+    plan: u64,
+    /// How far down the plan tiles have been asked for.
+    cursor: usize,
+    /// The plan's terrains.
+    order: Vec<Entity>,
+    must_plan: bool,
+    cache: TileCache,
+    /// Instances of the states that live, in this frame and in the one before.
+    lives: [Vec<u64>; 2],
+    loading: usize,
+    last_frame: Duration,
+}
+
+impl TerrainStreamer {
+    /// Pages in use.
+    #[must_use]
+    pub const fn pages_used(&self) -> u32 {
+        self.pool.used()
+    }
+
+    /// Pages that there is memory for.
+    #[must_use]
+    pub const fn pages(&self) -> u32 {
+        self.pool.limit()
+    }
+
+    /// One more than the greatest number that a page has or may get.
+    #[must_use]
+    pub fn page_numbers(&self) -> u32 {
+        self.pool.capacity()
+    }
+
+    /// Tiles in main memory: those with a page, those on their way, and those that are kept for
+    /// when they are wanted again.
+    #[must_use]
+    pub fn tiles_held(&self) -> usize {
+        self.pool.used() as usize + self.loading + self.cache.len()
+    }
+
+    /// Tiles that were asked for and have no page yet.
+    #[must_use]
+    pub const fn tiles_loading(&self) -> usize {
+        self.loading
+    }
+
+    /// CPU time that streaming took in the latest frame, without what reading takes in the
+    /// background.
+    #[must_use]
+    pub const fn last_frame(&self) -> Duration {
+        self.last_frame
+    }
+
+    /// Tiles that the latest plan wants, of all terrains, as far as the memory goes.
+    #[must_use]
+    pub fn wanted(&self) -> usize {
+        self.planner.latest().ranked().len()
+    }
+}
+
+/// For how long a thing is left alone that has failed `attempts` times before.
+pub(super) fn retry_after_s(retry_s: f32, attempts: u32) -> f64 {
+    f64::from(retry_s) * f64::from(1_u32 << attempts.min(5))
+}
+
+/// Everything that streaming needs from outside.
+#[derive(SystemParam)]
+pub(crate) struct Outside<'w, 's> {
+    settings: Res<'w, TerrainStreaming>,
+    time: Res<'w, Time<Real>>,
+    server: Res<'w, AssetServer>,
+    tiles: Res<'w, Assets<TerrainTile>>,
+    changes: MessageReader<'w, 's, AssetEvent<TerrainTile>>,
+    failures: MessageReader<'w, 's, AssetLoadFailedEvent<TerrainTile>>,
+    commands: Commands<'w, 's>,
+}
+
+/// All terrains that have begun.
+pub(crate) type Terrains<'w, 's> = Query<
+    'w,
+    's,
+    (
         Entity,
-        &Terrain,
-        Option<&TerrainState>,
-        Option<&TerrainRefused>,
-    )>,
-    mut changes: MessageReader<AssetEvent<TerrainManifest>>,
-    mut commands: Commands,
-) {
-    let modified: Vec<_> = changes
-        .read()
-        .filter_map(|change| match change {
-            AssetEvent::Modified { id } => Some(*id),
-            _ => None,
-        })
-        .collect();
-    for (entity, terrain, state, refused) in &terrains {
-        let id = state
-            .map(|state| state.manifest_id)
-            .or_else(|| refused.map(|refused| refused.0));
-        if id.is_some_and(|id| id != terrain.manifest.id() || modified.contains(&id)) {
-            commands.queue(move |world: &mut World| forget(world, entity));
-        }
-    }
-}
+        &'static mut TerrainState,
+        Ref<'static, TerrainSettings>,
+        Option<&'static mut NextTerrain>,
+    ),
+>;
 
-/// Removes all that streaming has put on a terrain. Also runs while the terrain is despawned, so
-/// it must cope with an entity that is gone.
-pub(super) fn forget(world: &mut World, terrain: Entity) {
-    if let Ok(mut terrain) = world.get_entity_mut(terrain) {
-        terrain
-            .despawn_related::<TerrainTiles>()
-            .remove::<(TerrainState, TerrainRefused)>();
-    }
-}
-
-/// Terrains that wait for their manifest.
-type Waiting = (Without<TerrainState>, Without<TerrainRefused>);
-
-/// Gives a [`TerrainState`] to terrains whose manifest has loaded.
-pub(crate) fn start_terrains(
-    terrains: Query<(Entity, &Terrain, &TerrainSettings), Waiting>,
-    manifests: Res<Assets<TerrainManifest>>,
-    server: Res<AssetServer>,
-    mut commands: Commands,
-) {
-    for (entity, terrain, settings) in &terrains {
-        let id = terrain.manifest.id();
-        let started = if let Some(manifest) = manifests.get(id) {
-            server
-                .get_path(id)
-                .ok_or_else(|| {
-                    "a terrain's manifest has no path, so its tiles can't be found: load it with \
-                     the asset server"
-                        .to_owned()
-                })
-                .and_then(|path| start(manifest, id, path.into_owned(), settings))
-        } else if let LoadState::Failed(error) = server.load_state(id) {
-            let path = server.get_path(id).map(|path| path.to_string());
-            Err(reason_of(&error, path.as_deref().unwrap_or("the manifest")))
-        } else {
-            continue;
-        };
-        match started {
-            Ok(state) => {
-                commands.entity(entity).try_insert(state);
-            }
-            Err(reason) => {
-                error!("terrain {entity} can't be shown: {reason}");
-                commands.entity(entity).try_insert(TerrainRefused(id));
-                commands.trigger(TerrainFailed { entity, reason });
-            }
-        }
-    }
-}
-
-fn start(
-    manifest: &TerrainManifest,
-    id: AssetId<TerrainManifest>,
-    path: AssetPath<'static>,
-    raw_settings: &TerrainSettings,
-) -> Result<TerrainState, String> {
-    let settings = raw_settings.checked(|error| error!("{path}: {error}; the default is used"));
-    let manifest = Arc::new(manifest.clone());
-    let new = |settings| TerrainState::new(manifest.clone(), id, path.clone(), settings);
-    let mut state = new(settings.clone())
-        .or_else(|error| {
-            error!("{path}: {error}; the default is used");
-            let TerrainSettings { leaf_level, .. } = TerrainSettings::default();
-            new(TerrainSettings {
-                leaf_level,
-                ..settings
-            })
-        })
-        .map_err(|error| format!("{path}: {error}"))?;
-    state.raw_settings = raw_settings.clone();
-    Ok(state)
-}
-
-/// One sentence on why an asset didn't load.
-fn reason_of(error: &AssetLoadError, path: &str) -> String {
-    match error {
-        // Our loaders' messages name the file themselves. Bevy appends a backtrace where one was
-        // asked for.
-        AssetLoadError::AssetLoaderError(error) => {
-            let text = error.error().to_string();
-            text.lines().next().unwrap_or_default().to_owned()
-        }
-        AssetLoadError::AssetReaderError(AssetReaderError::NotFound(_)) => {
-            format!("{path} is missing")
-        }
-        error => format!("{path} can't be loaded: {error}"),
-    }
-}
-
-/// Follows what terrains' [`TerrainDetail`] says.
-pub(crate) fn update_detail(mut terrains: Query<(&mut TerrainState, Option<&TerrainDetail>)>) {
-    for (mut state, detail) in &mut terrains {
-        if state.raw_detail.as_ref() == detail {
-            continue;
-        }
-        let state = &mut *state;
-        let path = &state.manifest_path;
-        state.raw_detail = detail.cloned();
-        state.detail = detail.map_or_else(DetailKernel::default, |detail| {
-            let checked = detail.checked(|error| error!("{path}: {error}; the default is used"));
-            DetailKernel::new(&checked, &state.lattice, state.manifest.file.spacing_m)
-        });
-    }
-}
-
-/// Everything that a terrain's streaming needs from outside.
-struct Context<'a, 'w, 's> {
-    entity: Entity,
-    server: &'a AssetServer,
-    tiles: &'a Assets<TerrainTile>,
-    commands: &'a mut Commands<'w, 's>,
-}
-
-/// Moves every terrain's tiles a frame further: plan, load, fade, evict, activate.
+/// Moves all terrains' tiles a frame further: plan, load, fade, evict, activate.
 pub(crate) fn stream_tiles(
-    mut terrains: Query<(Entity, &mut TerrainState, Ref<TerrainSettings>)>,
+    mut terrains: Terrains,
     cameras: Query<&TerrainViews>,
-    time: Res<Time<Real>>,
-    server: Res<AssetServer>,
-    tiles: Res<Assets<TerrainTile>>,
-    mut commands: Commands,
+    mut streamer: ResMut<TerrainStreamer>,
+    mut outside: Outside,
 ) {
     let _span = bevy::log::debug_span!("terrain_stream").entered();
-    for (entity, mut state, settings) in &mut terrains {
+    let began = Instant::now();
+    let streamer = &mut *streamer;
+    let outside = &mut outside;
+    streamer.take_settings(&outside.settings);
+    for (entity, mut state, settings, next) in &mut terrains {
         let state = &mut *state;
-        if settings.is_changed() && state.raw_settings != *settings {
+        if state.raw_settings != *settings {
             state.take_settings(&settings);
+            streamer.must_plan = true;
         }
-        state.views.clear();
-        let views = cameras.iter().flat_map(|views| &views.views);
-        state.views.extend(
-            views
-                .filter(|view| view.terrain == entity)
-                .map(|view| view.lod),
-        );
-        let mut context = Context {
-            entity,
-            server: &server,
-            tiles: &tiles,
-            commands: &mut commands,
-        };
-        state.poll_loads(&mut context);
-        state.plan();
-        let levels = time.delta_secs() * state.settings.fade_levels_per_s;
-        state.residency.step(levels, &state.views);
-        state.free_pages(&mut context);
-        state.activate_tiles(&mut context);
-        state.residency.make_room(state.loading.len());
-        state.request_tiles(&context);
+        state.look(entity, &cameras);
+        if let Some(mut next) = next {
+            next.0.poll_loads(entity, &streamer.settings, outside);
+            next.0.request_roots(outside);
+        }
+    }
+    streamer.count_lives(terrains.iter().map(|(_, state, ..)| state.instance()));
+    outside.hand_out_changes(&mut terrains);
+    for (entity, mut state, ..) in &mut terrains {
+        let state = &mut *state;
+        state.poll_loads(entity, &streamer.settings, outside);
+        state.retry(outside.time.elapsed_secs_f64());
+        state.retry_residents(&streamer.settings, outside.time.elapsed_secs_f64());
+        streamer.must_plan |= state.wants_plan(streamer.settings.lookahead_s);
+    }
+    streamer.plan(&mut terrains);
+    // A frame that takes long is no reason to jump.
+    let dt_s = outside.time.delta_secs();
+    let seen_s = dt_s.min(LONGEST_FRAME_S);
+    for (entity, mut state, ..) in &mut terrains {
+        let state = &mut *state;
+        state.step(Fade {
+            levels: dt_s * state.settings.fade_levels_per_s,
+            max_px: seen_s * state.settings.fade_px_per_s,
+        });
+        streamer.free_pages(entity, state, &mut outside.commands);
+    }
+    streamer.relocate(&mut terrains, &mut outside.commands);
+    streamer.activate(&mut terrains, outside);
+    streamer.make_room(&mut terrains);
+    streamer.request(&mut terrains, outside);
+    for (_, mut state, ..) in &mut terrains {
+        let is_requested = streamer.cursor == streamer.planner.latest().ranked().len();
+        let now_s = outside.time.elapsed_secs_f64();
+        state.finish(is_requested, now_s, &streamer.settings);
+    }
+    streamer.last_frame = began.elapsed();
+}
+
+impl TerrainStreamer {
+    fn take_settings(&mut self, settings: &TerrainStreaming) {
+        if self.raw_settings.as_ref() == Some(settings) {
+            return;
+        }
+        self.raw_settings = Some(settings.clone());
+        self.settings = settings.checked(|error| error!("{error}; the default is used"));
+        let tiles = self.settings.tiles().min(u64::from(u32::MAX)) as u32;
+        self.pool.set_limit(self.settings.pages().min(tiles));
+        self.must_plan = true;
+    }
+
+    /// Takes back the pages of states that are gone.
+    fn count_lives(&mut self, lives: impl Iterator<Item = u64>) {
+        let [now, before] = &mut self.lives;
+        now.clear();
+        now.extend(lives);
+        if now != before {
+            self.pool.reclaim(|instance| now.contains(&instance));
+            self.must_plan = true;
+        }
+        self.lives.swap(0, 1);
+    }
+
+    fn plan(&mut self, terrains: &mut Terrains) {
+        if !std::mem::take(&mut self.must_plan) {
+            return;
+        }
+        self.plan += 1;
+        self.cursor = 0;
+        let capacity = self.pool.limit() as usize;
+        let Self { order, planner, .. } = self;
+        order.clear();
+        order.extend(terrains.iter().map(|(entity, ..)| entity));
+        // Queries have an order of their own.
+        order.sort_unstable();
+        let states = order.iter().filter_map(|&entity| terrains.get(entity).ok());
+        let input: Vec<_> = states
+            .map(|(_, state, ..)| PlanTerrain {
+                lattice: &state.lattice,
+                available: &state.available,
+                resident: &state.residency.resident,
+                eyes: &state.eyes,
+                pins: &state.pins,
+                root_levels: state.settings.root_levels,
+            })
+            .collect();
+        let plan = planner.plan(&input, capacity, self.settings.lookahead_s);
+        for (number, &entity) in (0..).zip(&*order) {
+            let Ok((_, mut state, ..)) = terrains.get_mut(entity) else {
+                continue;
+            };
+            let eyes = plan.eyes(number as usize);
+            state.is_short_of_pages = plan.is_cut() && eyes.iter().any(|eye| eye.cut);
+            let ranked = (0..).zip(plan.ranked());
+            let own = ranked.filter(|(_, ranked)| ranked.terrain == number);
+            state.take_plan(
+                self.plan,
+                own.map(|(rank, ranked)| (ranked.address, rank)),
+                &mut self.cache,
+            );
+        }
+    }
+
+    fn free_pages(&mut self, terrain: Entity, state: &mut TerrainState, commands: &mut Commands) {
+        let Self { pool, cache, .. } = self;
+        let slots = &mut state.slots;
+        state.residency.free_faded(|page, address| {
+            pool.give_back(page);
+            let Some(slot) = slots.get_mut(page as usize).and_then(Option::take) else {
+                return;
+            };
+            slot.evict(terrain, address, commands);
+            cache.keep(slot.handle);
+        });
+    }
+
+    /// Moves tiles from pages that there shouldn't be any more to others.
+    fn relocate(&mut self, terrains: &mut Terrains, commands: &mut Commands) {
+        if self.pool.capacity() <= self.pool.limit() {
+            return;
+        }
+        let mut moves = 0..self.settings.activations_per_frame();
+        for (_, mut state, ..) in terrains {
+            let state = &mut *state;
+            while let Some(from) = state.residency.page_beyond(self.pool.limit())
+                && moves.next().is_some()
+                && let Some(to) = self.pool.take(state.instance())
+            {
+                state.residency.relocate(from, to);
+                if let Some(slot) = state.slots.get_mut(from as usize).and_then(Option::take) {
+                    commands.entity(slot.entity).try_insert(TilePage(to));
+                    state.set_slot(to, slot);
+                }
+                self.pool.give_back(from);
+            }
+        }
+    }
+
+    /// Makes tiles resident that have loaded, the best first.
+    fn activate(&mut self, terrains: &mut Terrains, outside: &mut Outside) {
+        for _ in 0..self.settings.activations_per_frame() {
+            let best = terrains.iter().filter_map(|(entity, state, ..)| {
+                let (at, rank) = state.next_to_activate()?;
+                Some((rank, entity, at))
+            });
+            let Some((rank, entity, at)) = best.min() else {
+                return;
+            };
+            let Ok((_, mut state, ..)) = terrains.get_mut(entity) else {
+                return;
+            };
+            let state = &mut *state;
+            let address = state.loading[at].address;
+            let Some(tile) = outside.tiles.get(&state.loading[at].handle) else {
+                // Somebody has removed the asset: it is asked for again.
+                state.loading.swap_remove(at);
+                self.must_plan = true;
+                continue;
+            };
+            let instance = state.instance();
+            let page = || self.pool.take(instance);
+            let Some(page) = state.residency.activate(address, rank, page) else {
+                // No page is free.
+                return;
+            };
+            let tile = tile.clone();
+            let Loading { handle, .. } = state.loading.swap_remove(at);
+            self.cache.forget(handle.id());
+            state.spawn_tile(entity, page, address, handle, tile, &mut outside.commands);
+        }
+    }
+
+    /// Sees to it that there are pages for the tiles that are on their way, as far as there are
+    /// tiles that nobody wants.
+    fn make_room(&mut self, terrains: &mut Terrains) {
+        let (mut waiting, mut leaving) = (0, 0);
+        for (_, state, ..) in terrains.iter() {
+            waiting += state.loading.len();
+            leaving += state.residency.leaving_count();
+        }
+        let used = self.pool.used() as usize;
+        while self.pool.limit() as usize + leaving < used + waiting {
+            let first = terrains.iter().filter_map(|(entity, state, ..)| {
+                let (wanted_at, level, page) = state.residency.first_to_go()?;
+                Some((wanted_at, level, page, entity))
+            });
+            let Some((.., page, entity)) = first.min() else {
+                return;
+            };
+            if let Ok((_, mut state, ..)) = terrains.get_mut(entity) {
+                state.residency.send_off(page);
+            }
+            leaving += 1;
+        }
+    }
+
+    /// Asks for the best tiles that aren't there, and drops what memory doesn't hold.
+    fn request(&mut self, terrains: &mut Terrains, outside: &Outside) {
+        let loads = terrains.iter().map(|(_, state, ..)| {
+            let busy = state.loading.iter().filter(|loading| !loading.is_ready);
+            [busy.count() + state.refreshing.len(), state.loading.len()]
+        });
+        let [mut busy, mut loading] = loads.fold([0, 0], |[a, b], [busy, all]| [a + busy, b + all]);
+        let most = self.settings.loads_in_flight as usize;
+        let now_s = outside.time.elapsed_secs_f64();
+        let ranked = self.planner.latest().ranked();
+        while busy < most
+            && loading < 2 * most
+            && let Some(ranked) = ranked.get(self.cursor)
+        {
+            let rank = self.cursor as u32;
+            self.cursor += 1;
+            let entity = self.order.get(ranked.terrain as usize);
+            let Some(Ok((_, mut state, _, next))) = entity.map(|&entity| terrains.get_mut(entity))
+            else {
+                continue;
+            };
+            // A terrain that is about to be replaced loads nothing more.
+            if next.is_none() && state.request(ranked.address, rank, now_s, outside) {
+                busy += 1;
+                loading += 1;
+            }
+        }
+        for (_, mut state, ..) in &mut *terrains {
+            busy += state.request_refreshed(most.saturating_sub(busy), now_s, &outside.server);
+        }
+        self.loading = loading;
+        let tiles = usize::try_from(self.settings.tiles()).unwrap_or(usize::MAX);
+        let taken = self.pool.used() as usize + loading;
+        self.cache.shrink(tiles.saturating_sub(taken));
+    }
+}
+
+impl Outside<'_, '_> {
+    /// Tells states of tiles whose files have been read again.
+    fn hand_out_changes(&mut self, terrains: &mut Terrains) {
+        for change in self.changes.read() {
+            let AssetEvent::Modified { id } = change else {
+                continue;
+            };
+            let Some(tile) = self.tiles.get(*id) else {
+                continue;
+            };
+            for (entity, mut state, _, next) in &mut *terrains {
+                // What is about to be replaced stays as it is.
+                let mut next = next;
+                let state = match &mut next {
+                    Some(next) => &mut next.0,
+                    None => &mut *state,
+                };
+                state.tile_changed(entity, *id, tile, &mut self.commands);
+            }
+        }
+        for failure in self.failures.read() {
+            let path = failure.path.to_string();
+            for (entity, mut state, _, next) in &mut *terrains {
+                let mut next = next;
+                let state = match &mut next {
+                    Some(next) => &mut next.0,
+                    None => &mut *state,
+                };
+                if state.is_holding(failure.id) {
+                    let reason = reason_of(&failure.error, &path);
+                    state.tile_change_failed(entity, failure.id, reason, &mut self.commands);
+                }
+            }
+        }
+    }
+}
+
+impl Slot {
+    /// Tells the game that the tile goes.
+    fn evict(&self, terrain: Entity, address: TileAddress, commands: &mut Commands) {
+        commands.trigger(TileEvicted {
+            entity: terrain,
+            tile: self.entity,
+            address,
+        });
+        commands.entity(self.entity).try_despawn();
     }
 }
 
@@ -206,13 +434,96 @@ impl TerrainState {
         let path = &self.manifest_path;
         let checked = settings.checked(|error| error!("{path}: {error}; the default is used"));
         self.raw_settings = settings.clone();
-        self.settings.loads_in_flight = checked.loads_in_flight;
-        self.settings.activations_per_frame = checked.activations_per_frame;
-        self.settings.fade_levels_per_s = checked.fade_levels_per_s;
+        self.settings = TerrainSettings {
+            leaf_level: self.settings.leaf_level,
+            ..checked
+        };
+    }
+
+    /// Notes where the eyes are.
+    fn look(&mut self, entity: Entity, cameras: &Query<&TerrainViews>) {
+        self.eyes.clear();
+        self.fades.clear();
+        let spacing_m = self.manifest.file.spacing_m;
+        let unit_m = self.lattice.unit_m(spacing_m);
+        let views = cameras.iter().flat_map(|views| &views.views);
+        for view in views.filter(|view| view.terrain == entity) {
+            let velocity = view.velocity_m_s / unit_m;
+            self.eyes.push(EyePath {
+                lod: view.lod,
+                velocity: [velocity.x as f32, velocity.z as f32],
+                descent: if view.lod.planar {
+                    -velocity.y as f32
+                } else {
+                    0.0
+                },
+            });
+            self.fades.push(FadeView {
+                lod: view.lod,
+                unit_m: unit_m as f32,
+                focal_px: view.focal_px,
+                px_per_m: view.px_per_m,
+            });
+        }
+    }
+
+    /// Whether what the latest plan was made for has changed enough to matter.
+    fn wants_plan(&mut self, lookahead_s: f32) -> bool {
+        let slack = self.lattice.node_size(0) >> REPLAN_LOG2;
+        let still = |(old, new): (&EyePath, &EyePath)| {
+            let (a, b) = (&old.lod, &new.lod);
+            let moved = (b.eye - a.eye).abs().max_element();
+            let moved = moved.max((b.floor - a.floor).abs());
+            let turned = [0, 1].map(|axis| (new.velocity[axis] - old.velocity[axis]).abs());
+            let turned = turned[0]
+                .max(turned[1])
+                .max((new.descent - old.descent).abs());
+            moved <= slack
+                && turned * lookahead_s <= slack as f32
+                && b.planar == a.planar
+                && b.reach == a.reach
+        };
+        let same = self.planned_eyes.len() == self.eyes.len()
+            && self.planned_eyes.iter().zip(&self.eyes).all(still)
+            && self.planned_pins == self.pins;
+        std::mem::take(&mut self.must_plan) || !same
+    }
+
+    /// Takes over this terrain's part of a plan.
+    fn take_plan(
+        &mut self,
+        plan: u64,
+        wanted: impl Iterator<Item = (TileAddress, u32)> + Clone,
+        cache: &mut TileCache,
+    ) {
+        self.planned_eyes.clone_from(&self.eyes);
+        self.planned_pins.clone_from(&self.pins);
+        self.wanted_count = wanted.clone().count();
+        self.residency.apply_plan(plan, wanted.clone());
+        for loading in &mut self.loading {
+            loading.rank = UNWANTED;
+        }
+        if self.loading.is_empty() {
+            return;
+        }
+        for (address, rank) in wanted {
+            if let Some(loading) = self.loading.iter_mut().find(|l| l.address == address) {
+                loading.rank = rank;
+            }
+        }
+        // Loads that are no longer wanted are cancelled by dropping their handles.
+        self.loading.retain(|loading| {
+            let keeps = loading.rank != UNWANTED;
+            if !keeps && loading.is_ready {
+                cache.keep(loading.handle.clone());
+            }
+            keeps
+        });
     }
 
     /// Sees which tiles have loaded, and which never will.
-    fn poll_loads(&mut self, context: &mut Context) {
+    fn poll_loads(&mut self, entity: Entity, settings: &TerrainStreaming, outside: &mut Outside) {
+        let now_s = outside.time.elapsed_secs_f64();
         let mut at = 0;
         while at < self.loading.len() {
             let loading = &mut self.loading[at];
@@ -220,40 +531,121 @@ impl TerrainState {
                 at += 1;
                 continue;
             }
-            if context.tiles.contains(&loading.tile) {
-                loading.is_ready = true;
-                at += 1;
-                continue;
-            }
-            let LoadState::Failed(error) = context.server.load_state(&loading.tile) else {
-                at += 1;
-                continue;
-            };
             let address = loading.address;
-            self.loading.swap_remove(at);
-            let path = self.tile_path(address);
-            self.give_up(address, reason_of(&error, &path.to_string()), context);
+            let timeout_s = settings.load_timeout_s;
+            let late = now_s - loading.since_s > f64::from(timeout_s);
+            let reason = match outside.tiles.get(&loading.handle) {
+                Some(_) if loading.is_stale && !late => None,
+                Some(tile) => match tile.check(&self.manifest, address) {
+                    Ok(()) => {
+                        loading.is_ready = true;
+                        None
+                    }
+                    // Another terrain lay here before, whose tile is still in memory.
+                    Err(_) if !loading.is_stale => {
+                        loading.is_stale = true;
+                        if let Some(path) = outside.server.get_path(&loading.handle) {
+                            outside.server.reload(path);
+                        }
+                        None
+                    }
+                    Err(error) => Some(self.of_file(address, &error.to_string())),
+                },
+                None => match outside.server.load_state(&loading.handle) {
+                    LoadState::Failed(error) => {
+                        let path = self.tile_path(address);
+                        Some(reason_of(&error, &path.to_string()))
+                    }
+                    _ if late => {
+                        let path = self.tile_path(address);
+                        Some(format!("{path} has not come within {timeout_s} s"))
+                    }
+                    _ => None,
+                },
+            };
+            if let Some(reason) = reason {
+                self.loading.swap_remove(at);
+                self.give_up(address, entity, reason, settings, outside);
+            } else {
+                at += 1;
+            }
         }
     }
 
-    fn give_up(&mut self, address: TileAddress, reason: String, context: &mut Context) {
-        let entity = context.entity;
-        self.failed.insert(address);
-        self.planner.invalidate();
-        if address == self.root() {
+    /// A message about a tile's file.
+    fn of_file(&self, address: TileAddress, what: &str) -> String {
+        format!("{} can't be used: {what}", self.tile_path(address))
+    }
+
+    fn give_up(
+        &mut self,
+        address: TileAddress,
+        entity: Entity,
+        reason: String,
+        settings: &TerrainStreaming,
+        outside: &mut Outside,
+    ) {
+        self.must_plan = true;
+        self.failures_version += 1;
+        self.available.forbid(address);
+        let now_s = outside.time.elapsed_secs_f64();
+        let failure = self.failed.entry(address).or_insert_with(|| Failure {
+            attempts: 0,
+            retry_at_s: None,
+            reason: String::new(),
+        });
+        failure.retry_at_s = Some(now_s + retry_after_s(settings.retry_s, failure.attempts));
+        failure.attempts += 1;
+        if failure.reason == reason {
+            return;
+        }
+        failure.reason.clone_from(&reason);
+        if address == self.root() && self.is_next {
+            refuse_change(entity, reason.clone(), &mut outside.commands);
+        } else if address == self.root() {
             error!("terrain {entity} can't be shown: {reason}");
-            context.commands.trigger(TerrainFailed {
+            outside.commands.trigger(TerrainFailed {
                 entity,
                 reason: reason.clone(),
             });
         } else {
             warn!("tile {address} of terrain {entity} keeps its parent's shape: {reason}");
         }
-        context.commands.trigger(TileFailed {
+        outside.commands.trigger(TileFailed {
             entity,
             address,
             reason,
         });
+    }
+
+    /// Lets tiles be asked for again whose time has come.
+    fn retry(&mut self, now_s: f64) {
+        for (&address, failure) in &mut self.failed {
+            if failure.retry_at_s.is_some_and(|at_s| at_s <= now_s) {
+                failure.retry_at_s = None;
+                self.available.permit(address);
+                self.must_plan = true;
+            }
+        }
+    }
+
+    /// Sees to it that resident tiles whose files couldn't be read again are, from time to time.
+    fn retry_residents(&mut self, settings: &TerrainStreaming, now_s: f64) {
+        if !std::mem::take(&mut self.has_complaints) {
+            return;
+        }
+        let after_s = retry_after_s(settings.retry_s, 1);
+        let pages = (0..).zip(&mut self.slots);
+        for (page, slot) in pages.filter_map(|(page, slot)| Some((page, slot.as_mut()?))) {
+            if slot.complaint.is_empty() {
+                continue;
+            }
+            self.has_complaints = true;
+            if *slot.retry_at_s.get_or_insert(now_s + after_s) <= now_s {
+                slot.retry_at_s = None;
+                self.to_refresh.extend(self.residency.tile_on(page));
+            }
+        }
     }
 
     /// Where a tile's file lies.
@@ -263,94 +655,46 @@ impl TerrainState {
             .with_source(self.manifest_path.source().clone_owned())
     }
 
-    fn plan(&mut self) {
-        let changed = self.planner.update(
-            &self.lattice,
-            &self.manifest.index,
-            &self.failed,
-            &self.views,
-            self.slots.len(),
-        );
-        if !changed {
-            return;
-        }
-        self.cursor = 0;
-        self.residency.apply_plan(self.planner.wanted());
-        // Loads that are no longer wanted are cancelled by dropping their handles.
-        const UNWANTED: u32 = u32::MAX;
-        for loading in &mut self.loading {
-            loading.rank = UNWANTED;
-        }
-        if !self.loading.is_empty() {
-            for (rank, &address) in (0..).zip(self.planner.wanted()) {
-                if let Some(loading) = self.loading.iter_mut().find(|l| l.address == address) {
-                    loading.rank = rank;
-                }
-            }
-            self.loading.retain(|loading| loading.rank != UNWANTED);
-        }
+    /// The loaded tile that comes next, as its place among those on their way and its rank. One
+    /// whose parent is still on its way waits, without holding up others.
+    fn next_to_activate(&self) -> Option<(usize, u32)> {
+        let root = self.root();
+        (0..self.loading.len())
+            .map(|at| (at, &self.loading[at]))
+            .filter(|(_, loading)| {
+                let address = loading.address;
+                loading.is_ready
+                    && (address == root || self.residency.is_readable(address.parent()))
+            })
+            .map(|(at, loading)| (at, loading.rank))
+            .min_by_key(|&(_, rank)| rank)
     }
 
-    fn free_pages(&mut self, context: &mut Context) {
-        let slots = &mut self.slots;
-        self.residency.free_faded(|page, address| {
-            let Some(slot) = slots.get_mut(page as usize).and_then(Option::take) else {
-                return;
-            };
-            context.commands.trigger(TileEvicted {
-                entity: context.entity,
-                tile: slot.entity,
-                address,
-            });
-            context.commands.entity(slot.entity).try_despawn();
-        });
-    }
-
-    fn activate_tiles(&mut self, context: &mut Context) {
-        for _ in 0..self.settings.activations_per_frame {
-            // A tile whose parent is still on its way waits, without holding up others.
-            let residency = &self.residency;
-            let root = self.root();
-            let next = (0..self.loading.len())
-                .filter(|&at| {
-                    let Loading {
-                        address, is_ready, ..
-                    } = self.loading[at];
-                    is_ready && (address == root || residency.is_readable(address.parent()))
-                })
-                .min_by_key(|&at| self.loading[at].rank);
-            let Some(next) = next else {
-                return;
-            };
-            let Loading { address, rank, .. } = self.loading[next];
-            let Some(page) = self.residency.activate(address, rank) else {
-                // No page is free.
-                return;
-            };
-            let loading = self.loading.swap_remove(next);
-            self.spawn_tile(page, loading, context);
+    fn spawn_tile(
+        &mut self,
+        terrain: Entity,
+        page: u32,
+        address: TileAddress,
+        handle: Handle<TerrainTile>,
+        data: TerrainTile,
+        commands: &mut Commands,
+    ) {
+        if self.failed.remove(&address).is_some() {
+            self.failures_version += 1;
+            info!("tile {address} of terrain {terrain} can be read now");
         }
-    }
-
-    fn spawn_tile(&mut self, page: u32, loading: Loading, context: &mut Context) {
-        let Loading {
-            address,
-            tile: data,
-            ..
-        } = loading;
-        let terrain = context.entity;
-        let tile = context.commands.spawn_empty().id();
-        self.slots[page as usize] = Some(Slot::new(tile, data.clone()));
+        let tile = commands.spawn_empty().id();
+        self.set_slot(page, Slot::new(tile, handle.clone(), data));
         let bounds = self.bounds(address);
         let is_root = address == self.root();
-        context.commands.queue(move |world: &mut World| {
+        commands.queue(move |world: &mut World| {
             // A terrain that was despawned in this very frame takes no more tiles.
             if world.get_entity(terrain).is_err() {
                 world.despawn(tile);
                 return;
             }
             if let Ok(mut entity) = world.get_entity_mut(tile) {
-                entity.insert((TileOf(terrain), address, TileData(data), TilePage(page)));
+                entity.insert((TileOf(terrain), address, TileData(handle), TilePage(page)));
                 if let Some(bounds) = bounds {
                     entity.insert(bounds);
                 }
@@ -366,32 +710,299 @@ impl TerrainState {
         });
     }
 
-    fn request_tiles(&mut self, context: &Context) {
-        while self.loading.len() < self.settings.loads_in_flight as usize
-            && let Some(&address) = self.planner.wanted().get(self.cursor)
-        {
-            let rank = self.cursor as u32;
-            self.cursor += 1;
-            let known = self.pages().get(address).is_some()
-                || self.loading.iter().any(|l| l.address == address);
-            if known {
-                continue;
+    /// Asks for a tile; says whether that was necessary.
+    fn request(&mut self, address: TileAddress, rank: u32, now_s: f64, outside: &Outside) -> bool {
+        let known = self.pages().get(address).is_some()
+            || self.loading.iter().any(|l| l.address == address);
+        if known || !self.available.has(address) {
+            return false;
+        }
+        // The game has asked for the manifest, wherever it lies; the tiles lie beside it.
+        let path = self.tile_path(address);
+        let builder = outside.server.load_builder().override_unapproved();
+        let handle = builder.load(path.clone());
+        // What is still in memory of a terrain whose files have changed may be an older one.
+        let is_stale = self.was_refreshed && outside.tiles.contains(&handle);
+        if is_stale {
+            outside.server.reload(path);
+        }
+        self.loading.push(Loading {
+            address,
+            rank,
+            handle,
+            since_s: now_s,
+            is_ready: false,
+            is_stale,
+        });
+        true
+    }
+
+    /// Brings the state's figures up to date at the end of a frame.
+    fn finish(&mut self, is_requested: bool, now_s: f64, settings: &TerrainStreaming) {
+        self.is_requested = is_requested;
+        if !self.refreshing.is_empty() {
+            // What has gone in the meantime doesn't come back changed, and a source that never answers
+            // holds up nothing.
+            let mut refreshing = std::mem::take(&mut self.refreshing);
+            let timeout_s = f64::from(settings.load_timeout_s);
+            refreshing.retain(|&(id, since_s)| now_s - since_s < timeout_s && self.is_holding(id));
+            self.refreshing = refreshing;
+        }
+        while self.has_strays {
+            let index = &self.manifest.index;
+            let residents = &self.residency;
+            let stray = residents.childless_where(|address| index.get(address).is_none());
+            match stray {
+                Some(page) => self.residency.send_off(page),
+                None => {
+                    let mut left = self.residency.residents();
+                    self.has_strays = left.any(|(_, address)| index.get(address).is_none());
+                    break;
+                }
             }
-            // The game has asked for the manifest, wherever it lies; the tiles lie beside it.
-            let path = self.tile_path(address);
-            let builder = context.server.load_builder().override_unapproved();
-            self.loading.push(Loading {
-                address,
-                rank,
-                tile: builder.load(path),
-                is_ready: false,
-            });
+        }
+        let is_mixed = self.has_strays
+            || self.has_complaints
+            || !self.to_refresh.is_empty()
+            || !self.refreshing.is_empty();
+        if !is_mixed && !Arc::ptr_eq(&self.bounds, &self.manifest) {
+            self.bounds = Arc::clone(&self.manifest);
+            self.bounds_version += 1;
+        }
+        let short = self.eyes.iter().map(|eye| {
+            let resident = &self.residency.resident;
+            levels_short(&self.lattice, &self.available, resident, &eye.lod)
+        });
+        self.levels_short = short.max().unwrap_or(0);
+        let is_complete = is_requested && self.loading.is_empty()
+            || self.levels_short == 0 && !self.eyes.is_empty();
+        if self.residency.is_appearing && self.is_ready() && is_complete {
+            self.residency.is_appearing = false;
         }
     }
 }
 
-/// Runs when a [`Terrain`] is removed or its entity despawned.
-pub(crate) fn forget_removed_terrain(removed: On<Remove, Terrain>, mut commands: Commands) {
-    let terrain = removed.entity;
-    commands.queue(move |world: &mut World| forget(world, terrain));
+/// What happens when files change under a running program.
+impl TerrainState {
+    /// Follows a changed manifest, where what is resident may stay: where sizes and heights mean
+    /// the same. Says whether it does.
+    pub(super) fn take_manifest(&mut self, manifest: &TerrainManifest) -> bool {
+        let (old, new) = (&self.manifest.file, &manifest.file);
+        if old.stamp() != new.stamp() || old.levels != new.levels {
+            return false;
+        }
+        let mut bounds = manifest.clone();
+        for (address, range) in self.bounds.index.iter() {
+            let range = manifest
+                .index
+                .get(address)
+                .map_or(range, |new| new.union(range));
+            bounds.index.set(address, Some(range));
+        }
+        self.bounds = Arc::new(bounds);
+        self.bounds_version += 1;
+        self.manifest = Arc::new(manifest.clone());
+        self.has_strays = true;
+        self.available = crate::residency::Availability::new(&self.manifest.index);
+        self.failed.clear();
+        self.must_plan = true;
+        self.refresh();
+        true
+    }
+
+    /// Reads all tiles again that are there or on their way.
+    pub(super) fn refresh(&mut self) {
+        self.was_refreshed = true;
+        let residents = self.residency.residents();
+        let mut tiles: VecDeque<_> = residents.map(|(_, address)| address).collect();
+        // The coarsest first: they are seen most.
+        tiles
+            .make_contiguous()
+            .sort_unstable_by_key(|tile| (u8::MAX - tile.level, tile.z, tile.x));
+        for loading in &mut self.loading {
+            loading.is_ready = false;
+            loading.is_stale = true;
+            tiles.push_front(loading.address);
+        }
+        self.to_refresh = tiles;
+    }
+
+    /// Loads nothing more: another state is about to take this one's place.
+    pub(super) fn await_next(&mut self) {
+        self.has_next = true;
+        self.loading.clear();
+        self.to_refresh.clear();
+        self.refreshing.clear();
+    }
+
+    /// Asks for up to `most` tiles that are to be read again; returns how many were.
+    fn request_refreshed(&mut self, most: usize, now_s: f64, server: &AssetServer) -> usize {
+        let mut asked = 0;
+        while asked < most
+            && let Some(address) = self.to_refresh.pop_front()
+        {
+            let page = self.pages().get(address);
+            let slot = page.and_then(|page| self.slot(page));
+            let loading = self.loading.iter().find(|l| l.address == address);
+            let handle = slot
+                .map(|slot| &slot.handle)
+                .or(loading.map(|loading| &loading.handle));
+            if let Some(id) = handle.map(Handle::id) {
+                server.reload(self.tile_path(address));
+                self.refreshing.push((id, now_s));
+                asked += 1;
+            }
+        }
+        asked
+    }
+
+    /// Whether a tile is this terrain's, resident or on its way.
+    fn is_holding(&self, id: AssetId<TerrainTile>) -> bool {
+        let mut slots = self.slots.iter().flatten();
+        slots.any(|slot| slot.handle.id() == id)
+            || self.loading.iter().any(|loading| loading.handle.id() == id)
+    }
+
+    fn page_of(&self, id: AssetId<TerrainTile>) -> Option<u32> {
+        let mut slots = (0..).zip(&self.slots);
+        slots
+            .find(|(_, slot)| slot.as_ref().is_some_and(|slot| slot.handle.id() == id))
+            .map(|(page, _)| page)
+    }
+
+    /// A tile's file has been read again.
+    fn tile_changed(
+        &mut self,
+        entity: Entity,
+        id: AssetId<TerrainTile>,
+        tile: &TerrainTile,
+        commands: &mut Commands,
+    ) {
+        self.refreshing.retain(|&(other, _)| other != id);
+        if let Some(loading) = self.loading.iter_mut().find(|l| l.handle.id() == id) {
+            // Checked when it is polled.
+            if loading.is_stale && tile.check(&self.manifest, loading.address).is_ok() {
+                loading.is_stale = false;
+            } else if loading.is_stale {
+                // Polled once more, it fails with what is wrong.
+                loading.since_s = f64::NEG_INFINITY;
+            }
+            loading.is_ready = false;
+            return;
+        }
+        let Some(page) = self.page_of(id) else {
+            return;
+        };
+        let resident = self.residency.residents().find(|&(at, _)| at == page);
+        let Some((_, address)) = resident else {
+            return;
+        };
+        if let Err(error) = tile.check(&self.manifest, address) {
+            let reason = self.of_file(address, &error.to_string());
+            self.tile_change_failed(entity, id, reason, commands);
+            return;
+        }
+        let Some(slot) = self.slots[page as usize].as_mut() else {
+            return;
+        };
+        slot.complaint.clear();
+        slot.retry_at_s = None;
+        if slot.tile == *tile {
+            return;
+        }
+        slot.replace(tile.clone());
+        self.residency.page_log.touch();
+        let tile = slot.entity;
+        self.failed.remove(&address);
+        info!("tile {address} of terrain {entity} has been read again");
+        commands.trigger(TileReloaded {
+            entity,
+            tile,
+            address,
+        });
+    }
+
+    /// A resident tile's file has changed and can't be used: what was read before stays.
+    fn tile_change_failed(
+        &mut self,
+        entity: Entity,
+        id: AssetId<TerrainTile>,
+        reason: String,
+        commands: &mut Commands,
+    ) {
+        self.refreshing.retain(|&(other, _)| other != id);
+        if let Some(loading) = self.loading.iter_mut().find(|l| l.handle.id() == id) {
+            // Polled once more, what was there before does or doesn't do.
+            loading.since_s = f64::NEG_INFINITY;
+        }
+        let Some(page) = self.page_of(id) else {
+            return;
+        };
+        let resident = self.residency.residents().find(|&(at, _)| at == page);
+        self.has_complaints = true;
+        let slot = self.slots[page as usize].as_mut();
+        if let (Some((_, address)), Some(slot)) = (resident, slot)
+            && slot.complaint != reason
+        {
+            slot.complaint.clone_from(&reason);
+            warn!("tile {address} of terrain {entity} stays as it was: {reason}");
+            commands.trigger(TileFailed {
+                entity,
+                address,
+                reason,
+            });
+        }
+    }
+
+    /// Whether the coarsest tiles have loaded, as far as they can be had.
+    pub(super) fn has_its_roots(&self) -> bool {
+        let root = self.root();
+        self.loading.iter().any(|l| l.address == root && l.is_ready)
+            && self.root_tiles().all(|address| {
+                !self.available.has(address)
+                    || self
+                        .loading
+                        .iter()
+                        .any(|l| l.address == address && l.is_ready)
+            })
+    }
+
+    fn root_tiles(&self) -> impl Iterator<Item = TileAddress> + use<> {
+        let root_level = self.root().level;
+        let coarsest = root_level.saturating_sub(self.settings.root_levels - 1)..=root_level;
+        let tiles: Vec<_> = coarsest
+            .rev()
+            .map(|level| (level, self.pages().tiles(level)))
+            .collect();
+        tiles.into_iter().flat_map(|(level, [across, down])| {
+            (0..down).flat_map(move |z| (0..across).map(move |x| TileAddress::new(level, x, z)))
+        })
+    }
+
+    /// Asks for the coarsest tiles of a terrain that isn't drawn yet.
+    fn request_roots(&mut self, outside: &Outside) {
+        let now_s = outside.time.elapsed_secs_f64();
+        self.retry(now_s);
+        for (rank, address) in (0..).zip(self.root_tiles()) {
+            self.request(address, rank, now_s, outside);
+        }
+    }
+
+    /// Lets another state take this one's place.
+    pub(super) fn give_way(&mut self, next: &mut Self, entity: Entity, commands: &mut Commands) {
+        next.eyes.clone_from(&self.eyes);
+        next.fades.clone_from(&self.fades);
+        next.pins.clone_from(&self.pins);
+        next.must_plan = true;
+        next.is_next = false;
+        std::mem::swap(self, next);
+        let residents: Vec<_> = next.residency.residents().collect();
+        for (page, address) in residents {
+            if let Some(slot) = next.slot(page) {
+                slot.evict(entity, address, commands);
+            }
+        }
+        commands.entity(entity).try_remove::<NextTerrain>();
+        info!("terrain {entity} is another one now: its manifest has changed");
+    }
 }

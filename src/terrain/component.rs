@@ -40,10 +40,11 @@ impl Terrain {
     }
 }
 
-/// How a terrain is cut up and streamed.
+/// How a terrain is cut up and how its detail comes and goes.
 ///
-/// The first and `page_capacity` are read once, when the manifest has loaded; the others may change at any
-/// time. What can't be used is logged and replaced by its default.
+/// `leaf_level` is read once, when the manifest has loaded; the others may change at any time. What
+/// can't be used is logged and replaced by its default. What all terrains may use together is in
+/// [`TerrainStreaming`](crate::stream::TerrainStreaming).
 #[derive(Component, Clone, Debug, PartialEq, Reflect)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct TerrainSettings {
@@ -51,28 +52,25 @@ pub struct TerrainSettings {
     /// (128 samples), -1 for half of that, and so on. Finer nodes follow the eye more closely and
     /// cost CPU time per node.
     pub leaf_level: i32,
-    /// The most tiles that are resident at once, 1 to 16 384 (WebGPU's 256 texture layers of 64
-    /// pages). A page takes 113 KiB of memory on the GPU and 44 KiB on the CPU. Where a view wants more tiles than that, the
-    /// farthest of the finest are left out.
-    pub page_capacity: u32,
-    /// The most tiles that are read at once, 1 to 1024.
-    pub loads_in_flight: u32,
-    /// The most tiles that become resident in one frame, 1 to 1024. Each is an upload to the GPU,
-    /// so this bounds the cost of a frame.
-    pub activations_per_frame: u32,
-    /// How fast detail appears and disappears when tiles come and go in view, in levels a second,
-    /// above 0. Where nobody looks, it happens at once.
+    /// How many of the coarsest levels are always resident as a whole, wherever the eyes are,
+    /// 1 to 8: one tile, five, twenty-one... They are what is seen first after a teleport.
+    pub root_levels: u8,
+    /// How fast detail appears and disappears when tiles come and go in view, in levels a second
+    /// at most, above 0. Where nobody looks, it happens at once.
     pub fade_levels_per_s: f32,
+    /// How fast the ground moves on the screen at most while detail appears and disappears, in
+    /// pixels a second, above 0: near the eye and on rough ground fading takes longer, down to
+    /// 1/32 of `fade_levels_per_s`.
+    pub fade_px_per_s: f32,
 }
 
 impl Default for TerrainSettings {
     fn default() -> Self {
         Self {
             leaf_level: 0,
-            page_capacity: 512,
-            loads_in_flight: 16,
-            activations_per_frame: 16,
+            root_levels: 2,
             fade_levels_per_s: 4.0,
+            fade_px_per_s: 12.0,
         }
     }
 }
@@ -81,19 +79,17 @@ impl Default for TerrainSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum TerrainSettingsError {
-    /// A count is out of its range.
-    #[error("TerrainSettings::{name} is {value}: use a number from 1 to {most}")]
-    Count {
+    /// The number of root levels is out of its range.
+    #[error("TerrainSettings::root_levels is {0}: use a number from 1 to 8")]
+    RootLevels(u8),
+    /// A fade rate is not a positive number.
+    #[error("TerrainSettings::{name} is {value}: use a number above 0")]
+    Fade {
         /// The field.
         name: &'static str,
         /// Its value.
-        value: u32,
-        /// The most that it may be.
-        most: u32,
+        value: f32,
     },
-    /// The fade rate is not a positive number.
-    #[error("TerrainSettings::fade_levels_per_s is {0}: use a number above 0")]
-    Fade(f32),
 }
 
 impl TerrainSettings {
@@ -103,44 +99,28 @@ impl TerrainSettings {
     #[must_use]
     pub fn checked(&self, mut refused: impl FnMut(TerrainSettingsError)) -> Self {
         let default = Self::default();
-        let mut count = |name, value: u32, most: u32, default: u32| {
-            if (1..=most).contains(&value) {
+        let root_levels = if (1..=8).contains(&self.root_levels) {
+            self.root_levels
+        } else {
+            refused(TerrainSettingsError::RootLevels(self.root_levels));
+            default.root_levels
+        };
+        let mut fade = |name, value: f32, default: f32| {
+            if value > 0.0 {
                 return value;
             }
-            refused(TerrainSettingsError::Count { name, value, most });
+            refused(TerrainSettingsError::Fade { name, value });
             default
-        };
-        let page_capacity = count(
-            "page_capacity",
-            self.page_capacity,
-            1 << 14,
-            default.page_capacity,
-        );
-        let loads_in_flight = count(
-            "loads_in_flight",
-            self.loads_in_flight,
-            1 << 10,
-            default.loads_in_flight,
-        );
-        let activations_per_frame = count(
-            "activations_per_frame",
-            self.activations_per_frame,
-            1 << 10,
-            default.activations_per_frame,
-        );
-        let fade = self.fade_levels_per_s;
-        let fade_levels_per_s = if fade > 0.0 {
-            fade
-        } else {
-            refused(TerrainSettingsError::Fade(fade));
-            default.fade_levels_per_s
         };
         Self {
             leaf_level: self.leaf_level,
-            page_capacity,
-            loads_in_flight,
-            activations_per_frame,
-            fade_levels_per_s,
+            root_levels,
+            fade_levels_per_s: fade(
+                "fade_levels_per_s",
+                self.fade_levels_per_s,
+                default.fade_levels_per_s,
+            ),
+            fade_px_per_s: fade("fade_px_per_s", self.fade_px_per_s, default.fade_px_per_s),
         }
     }
 }
@@ -152,16 +132,15 @@ mod tests {
     #[test]
     fn bad_settings_are_named_and_replaced() {
         let settings = TerrainSettings {
-            page_capacity: 0,
-            loads_in_flight: 0,
-            activations_per_frame: 1 << 20,
+            root_levels: 0,
             fade_levels_per_s: f32::NAN,
+            fade_px_per_s: -1.0,
             ..default()
         };
         let mut errors = Vec::new();
         let checked = settings.checked(|error| errors.push(error.to_string()));
         assert_eq!(checked, TerrainSettings::default());
-        assert_eq!(errors.len(), 4, "{errors:?}");
+        assert_eq!(errors.len(), 3, "{errors:?}");
         let fine = TerrainSettings::default();
         assert_eq!(fine.checked(|error| panic!("{error}")), fine);
     }

@@ -19,7 +19,10 @@ pub use camera::{TerrainCamera, TerrainCameraError, TessellationPolicy};
 #[cfg(feature = "ecs")]
 pub use component::{Terrain, TerrainSettings, TerrainSettingsError};
 #[cfg(feature = "ecs")]
-pub use events::{TerrainFailed, TerrainReady, TileEvicted, TileFailed, TileLoaded};
+pub use events::{
+    TerrainFailed, TerrainPinReady, TerrainReady, TerrainReloadFailed, TileEvicted, TileFailed,
+    TileLoaded, TileReloaded,
+};
 #[cfg(feature = "ecs")]
 pub use loader::{ManifestLoadError, TerrainManifestLoader};
 pub(crate) use manifest::check_size;

@@ -2,7 +2,10 @@
 
 use super::{Terrain, TerrainCamera, TerrainManifest, TerrainManifestLoader, TerrainSettings};
 use crate::detail::TerrainDetail;
-use crate::stream::{self, TerrainTiles, TileBounds, TileData, TileOf, TilePage};
+use crate::stream::{
+    self, TerrainPin, TerrainPinProgress, TerrainStreamer, TerrainStreaming, TerrainTiles,
+    TileBounds, TileData, TileOf, TilePage,
+};
 use crate::tile::{TerrainTile, TerrainTileLoader, TileAddress};
 use crate::view;
 use bevy::prelude::*;
@@ -39,6 +42,11 @@ impl Plugin for TerrainPlugin {
             .init_asset::<TerrainTile>()
             .init_asset_loader::<TerrainManifestLoader>()
             .init_asset_loader::<TerrainTileLoader>()
+            .init_resource::<TerrainStreaming>()
+            .init_resource::<TerrainStreamer>()
+            .register_type::<TerrainStreaming>()
+            .register_type::<TerrainPin>()
+            .register_type::<TerrainPinProgress>()
             .register_type::<Terrain>()
             .register_type::<TerrainSettings>()
             .register_type::<TerrainDetail>()
@@ -64,15 +72,22 @@ impl Plugin for TerrainPlugin {
                 PostUpdate,
                 (
                     (
-                        stream::reset_changed_terrains,
+                        stream::follow_manifests,
                         stream::start_terrains,
+                        stream::replace_terrains,
                         // What has only just started is followed in the next frame.
                         stream::update_detail,
                     )
                         .chain()
                         .in_set(TerrainSystems::Load),
                     view::update_views.in_set(TerrainSystems::View),
-                    stream::stream_tiles.in_set(TerrainSystems::Stream),
+                    (
+                        stream::collect_pins,
+                        stream::stream_tiles,
+                        stream::count_pins,
+                    )
+                        .chain()
+                        .in_set(TerrainSystems::Stream),
                 ),
             );
         #[cfg(feature = "render")]

@@ -24,7 +24,7 @@ pub use edge_density::{DENSITY_ONE, DensityReader};
 pub use edge_error::{ErrorBounds, GroundErrors, LevelErrors, error_spacing};
 pub use face::{Face, FaceCounts, FaceFactors, FaceVertex, edge_ends};
 pub use factor::{EdgeEnd, FactorView, ProjectedEdge};
-pub use height::{PageSource, Pages};
+pub use height::{PageSource, Pages, height};
 pub use mesh::{FaceCulling, TerrainMesh, TerrainVertex, ViewMesh};
 pub use partition::{
     FACTOR_LOG2, FACTOR_MAX, FACTOR_ONE, Partitioning, rise, scaled_factor, segment_count,

@@ -5,10 +5,12 @@ pub use crate::terrain::GroundQuery;
 use crate::lattice::{Lattice, ViewLod};
 use crate::stream::TerrainState;
 use crate::terrain::{Terrain, TerrainCamera};
+use crate::tile::TILE_SAMPLES;
 use bevy::ecs::entity::EntityHashSet;
 use bevy::log::{error, warn};
 use bevy::math::{DAffine3, DMat3, DVec3};
 use bevy::prelude::*;
+use bevy::time::Real;
 
 /// A camera's view of one terrain, in this frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,6 +33,16 @@ pub struct TerrainView {
     pub world_from_local: DAffine3,
     /// World units per metre of the terrain.
     pub scale: f32,
+    /// How fast the eye moves over the terrain, in metres a second along the terrain's axes,
+    /// smoothed over a tenth of a second. 0 after a jump.
+    pub velocity_m_s: DVec3,
+    /// The same of the last frame alone, jumps included.
+    pub last_velocity_m_s: DVec3,
+    /// Pixels that a metre takes at a distance of a metre; 0 for a parallel projection and where
+    /// nothing is drawn.
+    pub focal_px: f32,
+    /// Pixels that a metre of the terrain takes at any distance, in a parallel projection; else 0.
+    pub px_per_m: f32,
 }
 
 /// A camera's views of all terrains, refilled every frame by
@@ -108,6 +120,78 @@ fn orthographic_height(projection: &Projection) -> Option<f64> {
     is_parallel.then(|| (2.0 / f64::from(clip_from_view.y_axis.y)).abs())
 }
 
+/// What a camera's picture says about sizes.
+#[derive(Clone, Copy, Debug, Default)]
+struct Optics {
+    /// World units that a parallel projection is high.
+    parallel_height: Option<f64>,
+    /// As [`TerrainView::focal_px`].
+    focal_px: f32,
+    /// Pixels a world unit, in a parallel projection.
+    px_per_unit: f32,
+}
+
+impl Optics {
+    #[cfg(feature = "render")]
+    fn new(projection: Option<&Projection>, camera: Option<&Camera>) -> Self {
+        let parallel_height = projection.and_then(orthographic_height);
+        let height_px = camera.and_then(Camera::physical_viewport_size);
+        let height_px = height_px.map_or(0.0, |size| size.y as f32);
+        let slope = projection.map_or(0.0, |projection| {
+            projection.get_clip_from_view().y_axis.y.abs()
+        });
+        // Half the picture's height over the tangent of half the field of view, or over half the
+        // height of a parallel one.
+        let focal_px = 0.5 * height_px * slope;
+        let is_parallel = parallel_height.is_some();
+        Self {
+            parallel_height,
+            focal_px: if is_parallel { 0.0 } else { focal_px },
+            px_per_unit: if is_parallel { focal_px } else { 0.0 },
+        }
+    }
+}
+
+/// Over what time an eye's velocity is smoothed.
+const SMOOTHING_S: f64 = 0.1;
+/// An eye that gets further than this in a frame has jumped, in finest tiles...
+const JUMP_TILES: f64 = 0.5;
+/// ...if it was this many times faster than before as well.
+const JUMP_SPEEDUP: f64 = 4.0;
+
+/// An eye's velocity, smoothed and of the last frame alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Motion {
+    smooth_m_s: DVec3,
+    last_m_s: DVec3,
+}
+
+impl Motion {
+    /// The motion after a frame in which the eye got `moved_m` further.
+    fn after(self, moved_m: DVec3, dt_s: f64, tile_m: f64) -> Self {
+        if dt_s <= 0.0 {
+            return self;
+        }
+        let now_m_s = moved_m / dt_s;
+        if !now_m_s.is_finite() {
+            return Self::default();
+        }
+        let is_far = moved_m.length() > JUMP_TILES * tile_m;
+        let is_sudden = now_m_s.length() > JUMP_SPEEDUP * self.smooth_m_s.length();
+        // Two frames that agree are no jumps.
+        let goes_on = now_m_s.distance(self.last_m_s) < 0.25 * now_m_s.length();
+        let smooth_m_s = if is_far && is_sudden {
+            if goes_on { now_m_s } else { DVec3::ZERO }
+        } else {
+            self.smooth_m_s + (now_m_s - self.smooth_m_s) * (1.0 - (-dt_s / SMOOTHING_S).exp())
+        };
+        Self {
+            smooth_m_s,
+            last_m_s: now_m_s,
+        }
+    }
+}
+
 #[cfg(feature = "render")]
 type CameraData = (
     Entity,
@@ -129,7 +213,9 @@ type CameraData = (
 pub(crate) fn update_views(
     mut cameras: Query<CameraData>,
     terrains: Query<(Entity, &TerrainState, &GlobalTransform), With<Terrain>>,
+    time: Res<Time<Real>>,
     mut warned: Local<EntityHashSet>,
+    mut before: Local<Vec<TerrainView>>,
 ) {
     let _span = bevy::log::debug_span!("terrain_views").entered();
     if !warned.is_empty() {
@@ -140,15 +226,16 @@ pub(crate) fn update_views(
         let (entity, settings, transform, mut views, projection, camera) = camera;
         #[cfg(not(feature = "render"))]
         let (entity, settings, transform, mut views) = camera;
-        views.views.clear();
+        before.clear();
+        before.append(&mut views.views);
         #[cfg(feature = "render")]
         if camera.is_some_and(|camera| !camera.is_active) {
             continue;
         }
         #[cfg(feature = "render")]
-        let parallel_height = projection.and_then(orthographic_height);
+        let optics = Optics::new(projection, camera);
         #[cfg(not(feature = "render"))]
-        let parallel_height = None;
+        let optics = Optics::default();
 
         let is_new = settings.is_changed();
         let settings = settings.checked(|refused| {
@@ -178,9 +265,19 @@ pub(crate) fn update_views(
                     *lattice
                 });
             let view = placement.and_then(|placement| {
-                let mut view =
-                    view_of(terrain, state, &placement, &settings, eye, parallel_height)?;
+                let mut view = view_of(terrain, state, &placement, &settings, eye, &optics)?;
                 view.lattice = lattice;
+                if let Some(before) = before.iter().find(|view| view.terrain == terrain) {
+                    let tile_m = f64::from(TILE_SAMPLES) * state.manifest().file.spacing_m;
+                    let motion = Motion {
+                        smooth_m_s: before.velocity_m_s,
+                        last_m_s: before.last_velocity_m_s,
+                    };
+                    let moved_m = view.eye_m - before.eye_m;
+                    let motion = motion.after(moved_m, time.delta_secs_f64(), tile_m);
+                    view.velocity_m_s = motion.smooth_m_s;
+                    view.last_velocity_m_s = motion.last_m_s;
+                }
                 Some(view)
             });
             views.views.extend(view);
@@ -194,7 +291,7 @@ fn view_of(
     placement: &Placement,
     settings: &TerrainCamera,
     eye: DVec3,
-    parallel_height: Option<f64>,
+    optics: &Optics,
 ) -> Option<TerrainView> {
     let eye_m = placement.local_from_world.transform_point3(eye);
     if !eye_m.is_finite() {
@@ -205,7 +302,7 @@ fn view_of(
     let spacing_m = manifest.file.spacing_m;
     let (eye, eye_fraction) = lattice.lattice_from_local(eye_m.xz(), spacing_m);
     let ground = GroundQuery { lattice, manifest };
-    let (floor, planar) = match parallel_height {
+    let (floor, planar) = match optics.parallel_height {
         None => {
             // Detail may bring the ground nearer than the stored bounds.
             let detail = ground.units(state.detail().bound_m().into());
@@ -228,12 +325,43 @@ fn view_of(
         local_from_world: placement.local_from_world,
         world_from_local: placement.world_from_local,
         scale: placement.scale as f32,
+        velocity_m_s: DVec3::ZERO,
+        last_velocity_m_s: DVec3::ZERO,
+        focal_px: optics.focal_px,
+        px_per_m: optics.px_per_unit * placement.scale as f32,
     })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_eyes_velocity_follows_its_motion_and_not_its_jumps() {
+        let frame_s = 1.0 / 60.0;
+        let step = DVec3::new(5.0, 0.0, 0.0);
+        let mut motion = Motion::default();
+        for _ in 0..60 {
+            motion = motion.after(step, frame_s, 128.0);
+        }
+        assert!((motion.smooth_m_s.x - 300.0).abs() < 3.0, "{motion:?}");
+        // A frame that takes half a second is no jump, nor is a pause.
+        let late = motion.after(DVec3::new(150.0, 0.0, 0.0), 0.5, 128.0);
+        assert!((late.smooth_m_s.x - 300.0).abs() < 3.0, "{late:?}");
+        assert_eq!(motion.after(DVec3::ZERO, 0.0, 128.0), motion);
+        let jump = DVec3::new(0.0, 0.0, 9000.0);
+        let landed = motion.after(jump, frame_s, 128.0);
+        assert_eq!(landed.smooth_m_s, DVec3::ZERO);
+        let rests = landed.after(DVec3::ZERO, frame_s, 128.0);
+        assert_eq!(rests.smooth_m_s, DVec3::ZERO);
+        let nowhere = DVec3::splat(f64::NAN);
+        assert_eq!(motion.after(nowhere, frame_s, 128.0), Motion::default());
+        // However fast, a second frame like the first is a flight.
+        let fast = Motion::default().after(100.0 * step, frame_s, 128.0);
+        assert_eq!(fast.smooth_m_s, DVec3::ZERO);
+        let fast = fast.after(100.0 * step, frame_s, 128.0);
+        assert!((fast.smooth_m_s.x - 30_000.0).abs() < 1.0, "{fast:?}");
+    }
 
     #[test]
     fn a_turned_and_scaled_terrain_is_rigid() {

@@ -1,22 +1,27 @@
 use super::*;
 use crate::lattice::LodSettings;
-use crate::stream::Planner;
-use crate::terrain::{ManifestFile, test_manifest_file};
+use crate::residency::{Availability, EyePath, PlanTerrain, Planner};
+use crate::stream::pool::PagePool;
+use crate::terrain::{TerrainManifest, test_manifest_file};
 use crate::tile::{TileIndex, TileRange};
 use proptest::prelude::*;
 use std::collections::HashSet;
 
 const RANGE: TileRange = TileRange { min: 0, max: 9 };
+/// Who holds the pages.
+const INSTANCE: u64 = 1;
 
 /// A terrain that streams with loads that take no time.
 struct Sim {
     lattice: Lattice,
-    file: ManifestFile,
-    index: TileIndex,
+    manifest: TerrainManifest,
+    available: Availability,
     planner: Planner,
+    plan: u64,
+    pool: PagePool,
     residency: Residency,
-    missing: HashSet<TileAddress>,
-    views: Vec<ViewLod>,
+    eyes: Vec<EyePath>,
+    views: Vec<FadeView>,
 }
 
 impl Sim {
@@ -35,14 +40,21 @@ impl Sim {
                 }
             }
         }
-        let residency = Residency::new(&lattice, PageTable::new(&file), capacity);
+        let manifest = TerrainManifest { file, index };
+        let mut residency = Residency::new(&lattice, &manifest);
+        // What these tests look at is a terrain that is seen from the beginning.
+        residency.is_appearing = false;
+        let mut pool = PagePool::default();
+        pool.set_limit(capacity);
         Self {
             lattice,
-            file,
-            index,
+            available: Availability::new(&manifest.index),
+            manifest,
             planner: Planner::default(),
+            plan: 0,
+            pool,
             residency,
-            missing: HashSet::new(),
+            eyes: Vec::new(),
             views: Vec::new(),
         }
     }
@@ -50,47 +62,103 @@ impl Sim {
     /// Looks from these places, given in samples.
     fn look(&mut self, eyes: &[[i32; 2]]) {
         let unit = 1 << self.lattice.unit_log2;
-        let view = |&eye: &[i32; 2]| {
+        let lods = eyes.iter().map(|&eye| {
             let eye = IVec2::from(eye) * unit;
             let settings = LodSettings::default();
             ViewLod::new(&self.lattice, &settings, eye, 0, true).expect("defaults are fine")
+        });
+        let lods: Vec<_> = lods.collect();
+        self.eyes = lods
+            .iter()
+            .map(|&lod| EyePath {
+                lod,
+                velocity: [0.0; 2],
+                descent: 0.0,
+            })
+            .collect();
+        self.views = lods
+            .iter()
+            .map(|&lod| FadeView {
+                lod,
+                unit_m: 1.0 / unit as f32,
+                focal_px: 0.0,
+                px_per_m: 0.0,
+            })
+            .collect();
+    }
+
+    fn wanted(&self) -> Vec<TileAddress> {
+        let ranked = self.planner.latest().ranked().iter();
+        ranked.map(|ranked| ranked.address).collect()
+    }
+
+    fn fade(&mut self, levels: f32) {
+        let fade = Fade {
+            levels,
+            max_px: f32::INFINITY,
         };
-        self.views = eyes.iter().map(view).collect();
+        self.residency.step(fade, &self.views, |_, _, _| 0.0);
+    }
+
+    fn free_faded(&mut self) {
+        let pool = &mut self.pool;
+        self.residency.free_faded(|page, _| pool.give_back(page));
+    }
+
+    fn activate(&mut self, address: TileAddress, rank: u32) -> Option<u32> {
+        let pool = &mut self.pool;
+        self.residency
+            .activate(address, rank, || pool.take(INSTANCE))
+    }
+
+    /// Sends off tiles that nobody wants until so many pages are free or will be.
+    fn make_room(&mut self, wanted: usize) {
+        while self.pool.free_count() + self.residency.leaving_count() < wanted
+            && let Some((.., page)) = self.residency.first_to_go()
+        {
+            self.residency.send_off(page);
+        }
+    }
+
+    fn plan(&mut self) {
+        self.plan += 1;
+        let terrain = PlanTerrain {
+            lattice: &self.lattice,
+            available: &self.available,
+            resident: &self.residency.resident,
+            eyes: &self.eyes,
+            pins: &[],
+            root_levels: 1,
+        };
+        let capacity = self.pool.limit() as usize;
+        self.planner.plan(&[terrain], capacity, 0.0);
+        let wanted = self.wanted();
+        self.residency
+            .apply_plan(self.plan, wanted.into_iter().zip(0..));
     }
 
     /// A frame in which every wanted tile has loaded, at most `activations` of which may come in.
     /// The tile at place `fails` of the plan turns out to be missing.
     fn frame(&mut self, levels: f32, activations: usize, fails: Option<usize>) {
-        let capacity = self.residency.residents.len();
-        let changed = self.planner.update(
-            &self.lattice,
-            &self.index,
-            &self.missing,
-            &self.views,
-            capacity,
-        );
-        if changed {
-            self.residency.apply_plan(self.planner.wanted());
-        }
-        self.residency.step(levels, &self.views);
-        self.residency.free_faded(|_, _| {});
+        self.plan();
+        self.fade(levels);
+        self.free_faded();
         let mut waiting = 0;
-        for (rank, &address) in (0..).zip(self.planner.wanted()) {
+        for (rank, address) in (0..).zip(self.wanted()) {
             if self.residency.pages.get(address).is_some() {
                 continue;
             }
             if Some(rank as usize) == fails && rank > 0 {
-                self.missing.insert(address);
-                self.planner.invalidate();
+                self.available.forbid(address);
                 break;
             }
             waiting += 1;
             if waiting > activations {
                 break;
             }
-            self.residency.activate(address, rank);
+            self.activate(address, rank);
         }
-        self.residency.make_room(waiting);
+        self.make_room(waiting);
     }
 
     fn check(&self) {
@@ -104,7 +172,7 @@ impl Sim {
     fn check_point(&self, p: IVec2) {
         let finest = self.residency.field.at(p) >> 8;
         for level in finest..self.lattice.root_level {
-            let [columns, rows] = self.file.tiles(level as u8);
+            let [columns, rows] = self.manifest.file.tiles(level as u8);
             let tile = p >> IVec2::splat(self.lattice.node_log2(level) as i32);
             let tile = tile.as_uvec2().min(UVec2::new(columns, rows) - 1);
             let address = TileAddress::new(level as u8, tile.x, tile.y);
@@ -118,9 +186,9 @@ impl Sim {
     fn settle(&mut self) {
         for _ in 0..10_000 {
             self.frame(0.5, 64, None);
-            let wanted = self.planner.wanted();
             let pages = &self.residency.pages;
-            let complete = wanted.iter().all(|&tile| pages.get(tile).is_some());
+            let mut wanted = self.wanted().into_iter();
+            let complete = wanted.all(|tile| pages.get(tile).is_some());
             if complete && self.residency.is_still() {
                 return;
             }
@@ -205,7 +273,7 @@ proptest! {
             .collect();
         let read = |sim: &Sim| -> Vec<i32> {
             let level = |&p: &IVec2| {
-                let detail = finest_detail(&sim.lattice, &sim.views[0], p, p);
+                let detail = finest_detail(&sim.lattice, &sim.views[0].lod, p, p);
                 detail.max(sim.residency.field.at(p))
             };
             points.iter().map(level).collect()
@@ -237,7 +305,7 @@ fn detail_arrives_under_the_eye_and_comes_to_rest() {
     // 2 000 samples away, level 0 doesn't reach.
     sim.look(&[[-9000, -9000]]);
     sim.settle();
-    assert!(sim.planner.wanted().len() < 20);
+    assert!(sim.wanted().len() < 20);
     assert_eq!(
         sim.residency.field.at(eye),
         0,
@@ -287,15 +355,15 @@ fn where_nobody_looks_detail_changes_at_once() {
     let resident = sim.residency.resident_count();
     sim.look(&[[100_000, 100_000]]);
     sim.frame(0.0, 9, None);
-    sim.residency.make_room(400);
+    sim.make_room(400);
     for _ in 0..8 {
-        sim.residency.step(0.0, &sim.views);
-        sim.residency.free_faded(|_, _| {});
-        sim.residency.make_room(400);
+        sim.fade(0.0);
+        sim.free_faded();
+        sim.make_room(400);
         sim.check();
     }
     assert!(resident > 20);
-    assert!(sim.residency.resident_count() <= sim.planner.wanted().len());
+    assert!(sim.residency.resident_count() <= sim.wanted().len());
 }
 
 #[test]
@@ -308,7 +376,7 @@ fn a_leaving_tile_that_is_wanted_again_stays() {
     sim.look(&[]);
     sim.frame(0.0, 9, None);
     // A view appears in the same moment in which room is made.
-    sim.residency.make_room(400);
+    sim.make_room(400);
     assert!(!sim.residency.leaving.is_empty());
     sim.look(&[[1000, 1000]]);
     sim.frame(0.01, 9, None);
@@ -324,11 +392,11 @@ fn parents_are_planned_before_their_children_and_detail_is_cut_evenly() {
     let mut sim = Sim::new([16_384, 16_384], 150, |_| true);
     sim.look(&[[8000, 9000]]);
     sim.frame(0.1, 9, None);
-    let wanted = sim.planner.wanted();
+    let wanted = sim.wanted();
     assert_eq!(wanted.len(), 150);
-    assert!(sim.planner.is_truncated());
+    assert!(sim.planner.latest().is_cut());
     let mut seen = HashSet::new();
-    for &tile in wanted {
+    for &tile in &wanted {
         let is_root = i32::from(tile.level) == sim.lattice.root_level;
         assert!(
             is_root || seen.contains(&tile.parent()),
@@ -354,37 +422,76 @@ fn without_views_only_the_root_is_wanted() {
 }
 
 #[test]
-fn a_still_eye_costs_no_new_plan() {
-    let mut sim = Sim::new([3000, 3000], 50, |_| true);
-    sim.look(&[[500, 500]]);
-    let update = |sim: &mut Sim| {
-        sim.planner
-            .update(&sim.lattice, &sim.index, &sim.missing, &sim.views, 50)
-    };
-    assert!(update(&mut sim));
-    assert!(!update(&mut sim));
-    sim.look(&[[515, 500]]);
-    assert!(!update(&mut sim), "15 of 128 samples");
-    sim.look(&[[517, 500]]);
-    assert!(update(&mut sim));
-    sim.look(&[[517, 500], [0, 0]]);
-    assert!(update(&mut sim), "a second view");
-}
-
-#[test]
 fn a_tile_becomes_resident_only_once_on_a_free_page_under_its_parent() {
     let mut sim = Sim::new([500, 500], 3, |_| true);
     let root = TileAddress::new(2, 0, 0);
     let [near, far, ..] = root.children().expect("not a leaf");
-    let residency = &mut sim.residency;
-    assert_eq!(residency.activate(near, 1), None, "before its parent");
-    assert_eq!(residency.activate(root, 0), Some(0));
-    assert_eq!(residency.activate(root, 0), None, "twice");
+    assert_eq!(sim.activate(near, 1), None, "before its parent");
+    assert_eq!(sim.activate(root, 0), Some(0));
+    assert_eq!(sim.activate(root, 0), None, "twice");
     let beyond = TileAddress::new(1, 2, 0);
-    assert_eq!(residency.activate(beyond, 0), None, "beyond the terrain");
-    assert_eq!(residency.activate(near, 1), Some(1));
-    assert_eq!(residency.activate(far, 2), Some(2));
+    assert_eq!(sim.activate(beyond, 0), None, "beyond the terrain");
+    assert_eq!(sim.activate(near, 1), Some(1));
+    assert_eq!(sim.activate(far, 2), Some(2));
     let leaf = TileAddress::new(0, 0, 0);
-    assert_eq!(residency.activate(leaf, 3), None, "no page is free");
+    assert_eq!(sim.activate(leaf, 3), None, "no page is free");
     sim.check();
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    /// However tiles come and go, and however rough the ground is, what is drawn anywhere moves by no
+    /// more pixels a frame than asked for, as far as the slowest fade allows.
+    #[test]
+    fn the_ground_moves_no_faster_on_the_screen_than_asked_for(
+        capacity in 20u32..120,
+        eyes in prop::collection::vec((0..2500, 0..2500), 2..4),
+        rise_m in 0.05f32..3.0,
+    ) {
+        const MAX_PX: f32 = 0.2;
+        const LEVELS: f32 = 4.0 / 60.0;
+        let mut sim = Sim::new([2500, 2500], capacity, |_| true);
+        let points: Vec<_> = (0..61 * 61)
+            .map(|at| IVec2::new(at % 61, at / 61) * (41 << sim.lattice.unit_log2))
+            .collect();
+        let read = |sim: &Sim| -> Vec<i32> {
+            let level = |&p: &IVec2| {
+                let detail = finest_detail(&sim.lattice, &sim.views[0].lod, p, p);
+                detail.max(sim.residency.field.at(p))
+            };
+            points.iter().map(level).collect()
+        };
+        for (x, z) in eyes {
+            sim.look(&[[x, z]]);
+            for view in &mut sim.views {
+                view.focal_px = 900.0;
+            }
+            let mut before = read(&sim);
+            for _ in 0..60 {
+                sim.plan();
+                let fade = Fade { levels: LEVELS, max_px: MAX_PX };
+                sim.residency.step(fade, &sim.views, |_, _, _| rise_m);
+                sim.free_faded();
+                let missing: Vec<_> = (0..)
+                    .zip(sim.wanted())
+                    .filter(|&(_, tile)| sim.residency.pages.get(tile).is_none())
+                    .take(5)
+                    .collect();
+                for &(rank, tile) in &missing {
+                    sim.activate(tile, rank);
+                }
+                sim.make_room(missing.len());
+                let now = read(&sim);
+                for ((a, b), &p) in before.iter().zip(&now).zip(&points) {
+                    let level_px = sim.views[0].pixels(rise_m, p, p);
+                    let levels = (a - b).abs() as f32 / 256.0;
+                    // A unit for the rounding of the field, one for that of the step.
+                    let most = (MAX_PX / level_px).clamp(LEVELS / 32.0, LEVELS) + 2.0 / 256.0;
+                    prop_assert!(levels <= most, "{p}: {levels} levels of {level_px} px");
+                }
+                before = now;
+            }
+        }
+    }
 }
