@@ -23,6 +23,7 @@ use bevy_tessera::bake::{BakeSettings, MemorySource, bake};
 use bevy_tessera::lattice::LodSettings;
 use bevy_tessera::render::TerrainNodes;
 use bevy_tessera::stream::TerrainState;
+use bevy_tessera::stream::TerrainStreaming;
 use bevy_tessera::terrain::{Terrain, TerrainCamera, TerrainSettings};
 use std::sync::Mutex;
 use std::time::Instant;
@@ -115,6 +116,7 @@ fn main() {
     app.finish();
     app.cleanup();
 
+    app.insert_resource(TerrainStreaming::with_pages(2048));
     let image = Image::new_target_texture(64, 36, TextureFormat::Rgba8UnormSrgb, None);
     let image = app.world_mut().resource_mut::<Assets<Image>>().add(image);
     let manifest = app
@@ -127,7 +129,6 @@ fn main() {
             Terrain::new(manifest),
             TerrainSettings {
                 leaf_level: -2,
-                page_capacity: 2048,
                 ..default()
             },
         ))

@@ -5,24 +5,30 @@ mod common;
 use bevy::camera::primitives::Frustum;
 use bevy::math::primitives::ViewFrustum;
 use bevy::prelude::*;
+use bevy_tessera::bake::{BakeSettings, MemorySource, bake};
 use bevy_tessera::lattice::Node;
 use bevy_tessera::render::{NodeCulling, TerrainNodes, TileHeightBounds, select_seen};
+use bevy_tessera::stream::{PAGE_BYTES, TerrainStreaming};
 use bevy_tessera::terrain::{TerrainCamera, TerrainSettings};
 use bevy_tessera::tessellate::{Face, FaceCulling, LocalVolume, ViewMesh};
 use bevy_tessera::view::TerrainViews;
 use common::gpu::{Culled, Kernels};
 use common::random::Random;
 use std::collections::HashSet;
+use std::path::Path;
 
 #[test]
 fn no_dropped_node_reaches_into_the_frustum() {
     let settings = TerrainSettings {
         leaf_level: -1,
-        // Frames while tiles stream in are culled by looser boxes; both are to be seen.
-        activations_per_frame: 8,
         ..default()
     };
     let mut kernels = Kernels::start(settings, UVec2::new(96, 64));
+    // Frames while tiles stream in are culled by looser boxes; both are to be seen.
+    kernels.app.insert_resource(TerrainStreaming {
+        upload_bytes_per_frame: 8 * PAGE_BYTES,
+        ..default()
+    });
     // A terrain that is moved, turned and scaled is culled in its own space.
     let placed = Transform::from_xyz(-300.0, 50.0, 900.0)
         .with_rotation(Quat::from_euler(EulerRot::YXZ, 0.6, 0.05, -0.04))
@@ -176,4 +182,74 @@ fn no_culled_face_reaches_into_the_frustum() {
         "only {culled_count} faces were culled"
     );
     assert!(kept_count > 2_000, "only {kept_count} faces were kept");
+}
+
+/// Ground of 513² samples, 4 m apart: flat, or with a hill of 800 m in its far half.
+fn bake_ground(out: &Path, has_hill: bool) {
+    let height_m = |x: f32, z: f32| {
+        let away = Vec2::new(x - 400.0, z - 256.0).length();
+        if has_hill {
+            (800.0 - 8.0 * away).max(0.0)
+        } else {
+            0.0
+        }
+    };
+    let heights = (0..513 * 513)
+        .map(|at| height_m((at % 513) as f32, (at / 513) as f32))
+        .collect();
+    let mut source = MemorySource::new([513, 513], heights).unwrap();
+    let settings = BakeSettings {
+        spacing_m: Some(4.0),
+        // The same scale for both.
+        height_range_m: Some(-100.0..=1000.0),
+        force: true,
+        ..default()
+    };
+    bake(&mut source, out, &settings, &()).unwrap();
+}
+
+#[test]
+fn ground_that_is_baked_higher_is_seen() {
+    let folder = tempfile::tempdir().unwrap();
+    let ground = folder.path().join("ground");
+    bake_ground(&ground, false);
+    let app = common::app::app(folder.path(), false);
+    let settings = TerrainSettings::default();
+    let size = UVec2::new(64, 64);
+    let mut kernels = Kernels::start_in(app, "ground/terrain.ron", settings, size);
+    kernels.app.insert_resource(Culled);
+    // Level, 400 m above the plain, with a narrow view: nothing but a hill can be in it.
+    let eye = Transform::from_xyz(200.0, 400.0, 1024.0).looking_to(Vec3::X, Vec3::Y);
+    kernels.set_camera(eye, TerrainCamera::default());
+    let narrow = PerspectiveProjection {
+        fov: 0.2,
+        ..default()
+    };
+    let camera = kernels.camera;
+    let mut camera = kernels.app.world_mut().entity_mut(camera);
+    camera.insert(Projection::Perspective(narrow));
+    let seen = |kernels: &mut Kernels| {
+        kernels.app.update();
+        let nodes = kernels
+            .app
+            .world()
+            .get::<TerrainNodes>(kernels.camera)
+            .unwrap();
+        nodes.nodes.get(&kernels.terrain).map_or(0, Vec::len)
+    };
+    for _ in 0..100 {
+        seen(&mut kernels);
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    assert_eq!(seen(&mut kernels), 0, "the plain is below the view");
+    bake_ground(&ground, true);
+    let server = kernels.app.world().resource::<AssetServer>();
+    server.reload("ground/terrain.ron");
+    let shows = (0..1000).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        seen(&mut kernels) > 0
+    });
+    assert!(shows, "the hill is culled by what was there before");
+    common::app::settle(&mut kernels.app, 2000);
+    assert!(seen(&mut kernels) > 0, "nor does it go again");
 }

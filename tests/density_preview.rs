@@ -18,8 +18,9 @@ use bevy_tessera::density::{
     DensityExtent, DensityFilter, DensityKernel, DensityScratch, DensitySettings, tile_densities,
 };
 use bevy_tessera::render::{GpuDensityPreview, GpuDensityPreviews, TerrainDensityPreview};
+use bevy_tessera::stream::TerrainStreaming;
 use bevy_tessera::stream::{TerrainState, TerrainTiles, TileData, TilePage};
-use bevy_tessera::terrain::{ManifestFile, TerrainSettings};
+use bevy_tessera::terrain::ManifestFile;
 use bevy_tessera::tile::{HeightTile, TerrainTile, TileAddress};
 use common::app;
 use common::gpu::bundled;
@@ -232,15 +233,7 @@ fn every_resident_page_has_the_cpus_densities_within_one_quantum() {
 fn real_ground_has_the_cpus_densities_within_one_quantum() {
     let manifest = "jacksboro/terrain.ron";
     let mut stage = Stage::new("density_preview", bundled(), manifest, SIZE);
-    let terrain = stage.terrain;
-    stage
-        .app
-        .world_mut()
-        .entity_mut(terrain)
-        .insert(TerrainSettings {
-            page_capacity: 80,
-            ..default()
-        });
+    stage.app.insert_resource(TerrainStreaming::with_pages(80));
     stage.aim(Transform::from_xyz(15e3, 900.0, 15e3), |_| {});
     app::settle(&mut stage.app, 2000);
     every_setting(&mut stage, "jacksboro", 40, 3);
@@ -250,13 +243,8 @@ fn real_ground_has_the_cpus_densities_within_one_quantum() {
 fn tiles_that_stream_in_later_get_their_densities_too() {
     let manifest = "jacksboro/terrain.ron";
     let mut stage = Stage::new("density_preview", bundled(), manifest, SIZE);
-    let terrain = stage.terrain;
-    let tight = TerrainSettings {
-        page_capacity: 40,
-        ..default()
-    };
     let wanted = DensitySettings::default();
-    stage.app.world_mut().entity_mut(terrain).insert(tight);
+    stage.app.insert_resource(TerrainStreaming::with_pages(40));
     // From the very beginning, before any tile is there.
     show(&mut stage, wanted.clone());
     let mut before = HashSet::new();

@@ -6,6 +6,7 @@ mod common;
 
 use bevy::prelude::*;
 use bevy_tessera::detail::{DetailRule, TerrainDetail};
+use bevy_tessera::stream::{PAGE_BYTES, TerrainStreaming};
 use bevy_tessera::terrain::{TerrainCamera, TerrainSettings, TessellationPolicy};
 use bevy_tessera::tessellate::{FaceFactors, Partitioning};
 use common::gpu::{Kernels, ReadBack};
@@ -62,11 +63,14 @@ fn vertices_and_triangles_equal_the_twins() {
     for (leaf_level, faces_per_side) in [(0, 8), (-2, 4), (0, 2)] {
         let settings = TerrainSettings {
             leaf_level,
-            // Frames are to catch the field in motion.
-            activations_per_frame: 4,
             ..default()
         };
         let mut kernels = Kernels::start(settings, UVec2::new(96, 64));
+        // Frames are to catch the field in motion.
+        kernels.app.insert_resource(TerrainStreaming {
+            upload_bytes_per_frame: 4 * PAGE_BYTES,
+            ..default()
+        });
         for n in 0..12 {
             let camera = TerrainCamera {
                 partitioning: Partitioning::ALL[n % Partitioning::ALL.len()],

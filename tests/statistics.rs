@@ -101,7 +101,7 @@ fn counters_say_what_was_drawn() {
     assert!(differ <= 2 * unsure, "{differ} differ, {unsure} are unsure");
     assert_eq!(
         counters.triangle_sizes.iter().sum::<u32>(),
-        bins.iter().sum()
+        bins.iter().sum::<u32>()
     );
 
     let store = kernels.app.world().resource::<DiagnosticsStore>();

@@ -6,7 +6,10 @@ mod streaming_support;
 use bevy::log::Level;
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_tessera::stream::{TerrainState, TerrainTiles, TileBounds, TileData, TileOf, TilePage};
+use bevy_tessera::stream::{
+    PAGE_BYTES, TerrainState, TerrainStreamer, TerrainStreaming, TerrainTiles, TileBounds,
+    TileData, TileOf, TilePage,
+};
 use bevy_tessera::terrain::{Terrain, TerrainCamera, TerrainManifest, TerrainSettings};
 use bevy_tessera::tile::{TerrainTile, TileAddress};
 use bevy_tessera::view::TerrainViews;
@@ -101,10 +104,10 @@ fn tiles_can_be_queried() {
 #[test]
 fn a_random_flight_with_few_pages_breaks_no_promise() {
     let mut world = World3::new(SIZE);
-    let terrain = world.spawn(TerrainSettings {
-        page_capacity: 24,
-        activations_per_frame: 3,
-        ..default()
+    let terrain = world.spawn(());
+    world.app.insert_resource(TerrainStreaming {
+        upload_bytes_per_frame: 3 * PAGE_BYTES,
+        ..TerrainStreaming::with_pages(24)
     });
     let eye = world.app.world_mut().spawn(camera(100.0, 100.0)).id();
     let mut seed = 12_345_u32;
@@ -157,7 +160,7 @@ fn a_random_flight_with_few_pages_breaks_no_promise() {
         world.told().evicted.len() > 20,
         "the flight should have evicted tiles"
     );
-    assert_eq!(world.assets(), [1, 24]);
+    assert_eq!(world.assets(), [1, 24], "nothing beyond what has a page");
 }
 
 #[test]
@@ -287,7 +290,11 @@ fn several_terrains_are_apart() {
     let eye = world.app.world_mut().spawn(camera(100.0, 100.0)).id();
     world.settle(near);
     world.settle(far);
-    assert_eq!(world.state(far).resident_count(), 1, "nobody is near it");
+    assert_eq!(
+        world.state(far).resident_count(),
+        5,
+        "nobody is near it: the two coarsest levels"
+    );
     let detail = world.state(near).resident_count();
     assert!(detail > 10);
     let views = world.app.world().get::<TerrainViews>(eye).expect("views");
@@ -295,9 +302,9 @@ fn several_terrains_are_apart() {
     world.app.world_mut().despawn(near);
     world.settle(far);
     world.run_until("the near one's tiles freed", |world| {
-        world.resource::<Assets<TerrainTile>>().len() == 1
+        world.resource::<Assets<TerrainTile>>().len() == 5
     });
-    assert_eq!(world.tile_entities(), 1);
+    assert_eq!(world.tile_entities(), 5);
 }
 
 #[test]
@@ -318,8 +325,12 @@ fn settings_that_cannot_be_used_fall_back() {
     let mut world = World3::new([300, 300]);
     let terrain = world.spawn(TerrainSettings {
         leaf_level: 3,
-        page_capacity: 0,
+        root_levels: 9,
         fade_levels_per_s: -1.0,
+        ..default()
+    });
+    world.app.insert_resource(TerrainStreaming {
+        page_bytes: 7,
         ..default()
     });
     let (_, at) = camera(100.0, 100.0);
@@ -329,11 +340,13 @@ fn settings_that_cannot_be_used_fall_back() {
     world.app.world_mut().spawn((bad, at));
     world.settle(terrain);
     let state = world.state(terrain);
-    assert_eq!(state.capacity(), TerrainSettings::default().page_capacity);
+    let streamer = world.app.world().resource::<TerrainStreamer>();
+    assert_eq!(streamer.pages(), TerrainStreaming::default().pages());
     assert_eq!(state.lattice().leaf_level, 0);
     assert_eq!(level_at(state, 100.0, 100.0), 0);
     for field in [
-        "page_capacity is 0",
+        "page_bytes is 7",
+        "root_levels is 9",
         "fade_levels_per_s is -1",
         "faces_per_side is 7",
         "reach 2.5",
@@ -370,8 +383,8 @@ fn cameras_count_by_what_they_show() {
     world.settle(terrain);
     assert_eq!(
         world.state(terrain).resident_count(),
-        1,
-        "an inactive camera sees nothing"
+        5,
+        "an inactive camera sees nothing but the two coarsest levels"
     );
 
     // What shows 4 km of ground needs no detail finer than a perspective 4.8 km away.

@@ -7,7 +7,7 @@ use bevy::log::Level;
 use bevy::prelude::*;
 use bevy_tessera::stream::TerrainState;
 use bevy_tessera::terrain::{INDEX_FILE, MANIFEST_FILE, Terrain, TerrainCamera, TerrainManifest};
-use bevy_tessera::tile::{HeightTile, TerrainTile, TileAddress};
+use bevy_tessera::tile::{TerrainTile, TileAddress};
 use std::fs;
 use streaming_support::{World3, logged, write_terrain};
 

@@ -268,6 +268,7 @@ mod on_the_gpu {
     use super::common::{self, manifold};
     use bevy::prelude::*;
     use bevy_tessera::bake::{BakeSettings, MemorySource, bake};
+    use bevy_tessera::stream::{PAGE_BYTES, TerrainStreaming};
     use bevy_tessera::terrain::{
         TerrainCamera, TerrainSettings, TerrainSystems, TessellationPolicy,
     };
@@ -283,12 +284,14 @@ mod on_the_gpu {
         let settings = TerrainSettings {
             // Small nodes, so that several levels meet on a terrain of a thousand samples.
             leaf_level: -2,
-            // The field is to be in motion in most frames.
-            activations_per_frame: 6,
-            page_capacity: 90,
             ..default()
         };
         let mut kernels = Kernels::start_on(assets, settings, UVec2::new(96, 64));
+        // The field is to be in motion in most frames.
+        kernels.app.insert_resource(TerrainStreaming {
+            upload_bytes_per_frame: 6 * PAGE_BYTES,
+            ..TerrainStreaming::with_pages(90)
+        });
         let file = kernels.state().manifest().file.clone();
         let size = Vec2::new(file.size[0] as f32, file.size[1] as f32) * spacing_m;
         let tile = 128.0 * spacing_m;

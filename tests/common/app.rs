@@ -26,7 +26,18 @@ pub fn app(assets: &Path, pipelined: bool) -> App {
 
 /// The same on a device made with `settings`.
 pub fn app_on(assets: &Path, pipelined: bool, settings: WgpuSettings) -> App {
+    app_after(assets, pipelined, settings, |_| ())
+}
+
+/// The same; `first` may do what must come before Bevy's plugins.
+pub fn app_after(
+    assets: &Path,
+    pipelined: bool,
+    settings: WgpuSettings,
+    first: impl FnOnce(&mut App),
+) -> App {
     let mut app = App::new();
+    first(&mut app);
     let plugins = DefaultPlugins
         .set(AssetPlugin {
             file_path: assets.to_string_lossy().into_owned(),

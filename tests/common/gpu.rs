@@ -113,7 +113,17 @@ impl Kernels {
 
     /// The same on the terrain `jacksboro` in the folder `assets`.
     pub fn start_on(assets: &Path, settings: TerrainSettings, size: UVec2) -> Self {
-        let mut app = app::app(assets, false);
+        let app = app::app(assets, false);
+        Self::start_in(app, "jacksboro/terrain.ron", settings, size)
+    }
+
+    /// The same in an app that has not been finished yet, on the terrain of this manifest.
+    pub fn start_in(
+        mut app: App,
+        manifest: &'static str,
+        settings: TerrainSettings,
+        size: UVec2,
+    ) -> Self {
         app.add_systems(
             PostUpdate,
             draw_everything
@@ -122,10 +132,7 @@ impl Kernels {
         );
         app::finish(&mut app);
         let target = app::target(&mut app, size.x, size.y);
-        let manifest = app
-            .world()
-            .resource::<AssetServer>()
-            .load("jacksboro/terrain.ron");
+        let manifest = app.world().resource::<AssetServer>().load(manifest);
         let terrain = app
             .world_mut()
             .spawn((Terrain::new(manifest), settings))

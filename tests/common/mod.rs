@@ -3,6 +3,8 @@
 
 #[cfg(feature = "examples")]
 pub mod app;
+#[cfg(all(feature = "ecs", feature = "archive"))]
+pub mod flight;
 #[cfg(feature = "examples")]
 pub mod gpu;
 pub mod manifold;
@@ -11,3 +13,5 @@ pub mod random;
 pub mod scene;
 #[cfg(feature = "examples")]
 pub mod stage;
+#[cfg(all(feature = "ecs", feature = "archive"))]
+pub mod virtual_source;

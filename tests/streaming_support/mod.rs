@@ -7,11 +7,11 @@ use bevy::log::tracing::{self, Event, Subscriber, field};
 use bevy::log::tracing_subscriber::{self, Layer, layer, prelude::*};
 use bevy::prelude::*;
 use bevy::time::TimeUpdateStrategy;
-use bevy_tessera::stream::{TerrainState, TileOf};
+use bevy_tessera::stream::{TerrainState, TerrainStreamer, TileOf};
 use bevy_tessera::terrain::{
     DensitySettings, INDEX_FILE, MANIFEST_FILE, MANIFEST_MAGIC, MANIFEST_VERSION, ManifestFile,
-    Terrain, TerrainFailed, TerrainManifest, TerrainPlugin, TerrainReady, TileEvicted, TileFailed,
-    TileLoaded,
+    Terrain, TerrainFailed, TerrainManifest, TerrainPinReady, TerrainPlugin, TerrainReady,
+    TerrainReloadFailed, TileEvicted, TileFailed, TileLoaded, TileReloaded,
 };
 use bevy_tessera::tile::{
     DENSITY_STORED, DensityTile, ErrorTile, HeightTile, TILE_BORDER, TILE_STORED, TerrainTile,
@@ -32,13 +32,23 @@ pub fn stored_height(x: u32, z: u32) -> u16 {
 
 /// Writes a terrain of `size` samples, 2 m apart, into `dir`.
 pub fn write_terrain(dir: &Path, size: [u32; 2]) -> ManifestFile {
+    write_terrain_of(dir, size, 0.01, &stored_height)
+}
+
+/// Writes a terrain of `size` samples, 2 m apart, whose stored heights a function gives.
+pub fn write_terrain_of(
+    dir: &Path,
+    size: [u32; 2],
+    height_step_m: f64,
+    stored_height: &dyn Fn(u32, u32) -> u16,
+) -> ManifestFile {
     let mut file = ManifestFile {
         format: MANIFEST_MAGIC.to_owned(),
         version: MANIFEST_VERSION,
         size,
         spacing_m: 2.0,
         height_min_m: -100.0,
-        height_step_m: 0.01,
+        height_step_m,
         levels: ManifestFile::levels_for(size),
         density: DensitySettings::default(),
         index_crc32: 0,
@@ -49,7 +59,7 @@ pub fn write_terrain(dir: &Path, size: [u32; 2]) -> ManifestFile {
         for z in 0..rows {
             for x in 0..columns {
                 let address = TileAddress::new(level, x, z);
-                let tile = height_tile(size, address);
+                let tile = height_tile(size, address, stored_height);
                 let children = address.children().into_iter().flatten();
                 let range = children
                     .filter_map(|child| index.get(child))
@@ -77,7 +87,11 @@ fn crc32(bytes: &[u8]) -> u32 {
     crc32fast::hash(bytes)
 }
 
-fn height_tile(size: [u32; 2], address: TileAddress) -> HeightTile {
+fn height_tile(
+    size: [u32; 2],
+    address: TileAddress,
+    stored_height: &dyn Fn(u32, u32) -> u16,
+) -> HeightTile {
     let (first_x, first_z) = address.first_sample();
     let mut samples = Vec::new();
     for row in 0..TILE_STORED {
@@ -140,13 +154,16 @@ pub fn logged(words: &str) -> Vec<tracing::Level> {
 }
 
 /// Everything that terrains have told, in order.
-#[derive(Resource, Default)]
+#[derive(Resource, Default, Debug)]
 pub struct Told {
     pub ready: Vec<Entity>,
     pub loaded: Vec<TileAddress>,
     pub evicted: Vec<TileAddress>,
     pub tiles_failed: Vec<(TileAddress, String)>,
     pub failed: Vec<(Entity, String)>,
+    pub reloaded: Vec<TileAddress>,
+    pub reload_failed: Vec<String>,
+    pub pins_ready: Vec<Entity>,
 }
 
 pub struct World3 {
@@ -157,9 +174,15 @@ pub struct World3 {
 impl World3 {
     /// A folder with a terrain of `size` samples in `alps`, and an app that can load it.
     pub fn new(size: [u32; 2]) -> Self {
+        Self::in_app(size, false, |_, _| ())
+    }
+
+    /// The same, in an app that sees files change if it `watches`; `first` may do what must come
+    /// before Bevy's asset plugin.
+    pub fn in_app(size: [u32; 2], watches: bool, first: impl FnOnce(&mut App, &Path)) -> Self {
         let dir = tempfile::tempdir().expect("a temporary folder");
         write_terrain(&dir.path().join("alps"), size);
-        let app = app(dir.path());
+        let app = app(dir.path(), watches, first);
         Self { dir, app }
     }
 
@@ -194,7 +217,11 @@ impl World3 {
     pub fn run_until(&mut self, what: &str, mut done: impl FnMut(&World) -> bool) {
         let start = Instant::now();
         while !done(self.app.world()) {
-            assert!(start.elapsed() < Duration::from_secs(60), "never: {what}");
+            assert!(
+                start.elapsed() < Duration::from_secs(60),
+                "never: {what}; {:?}",
+                self.told()
+            );
             self.frame();
             std::thread::sleep(Duration::from_micros(200));
         }
@@ -207,14 +234,22 @@ impl World3 {
         let mut tiles = world.query::<&TileOf>();
         let owners: Vec<_> = tiles.iter(world).map(|tile| tile.0).collect();
         let mut states = world.query::<(Entity, &TerrainState)>();
+        let mut resident = 0;
         for (terrain, state) in states.iter(world) {
+            resident += state.resident_count();
             if let Err(broken) = state.validate() {
                 panic!("{broken}");
             }
             let tiles = owners.iter().filter(|&&owner| owner == terrain).count();
             assert_eq!(tiles, state.resident_count(), "one entity a resident tile");
-            assert!(tiles <= state.capacity() as usize, "more tiles than pages");
         }
+        let streamer = world.resource::<TerrainStreamer>();
+        assert_eq!(
+            streamer.pages_used() as usize,
+            resident,
+            "a page a resident tile"
+        );
+        assert!(resident <= streamer.page_numbers() as usize);
     }
 
     pub fn settle(&mut self, terrain: Entity) {
@@ -243,9 +278,10 @@ impl World3 {
 }
 
 /// An app as a headless server has it: no window, no renderer.
-pub fn app(assets: &Path) -> App {
+pub fn app(assets: &Path, watches: bool, first: impl FnOnce(&mut App, &Path)) -> App {
     listen();
     let mut app = App::new();
+    first(&mut app, assets);
     let text = |path: &Path| path.to_str().expect("a readable path").to_owned();
     let elsewhere = text(&assets.join("elsewhere"));
     app.add_plugins(MinimalPlugins.set(ScheduleRunnerPlugin::run_once()))
@@ -256,6 +292,7 @@ pub fn app(assets: &Path) -> App {
         )
         .add_plugins(AssetPlugin {
             file_path: text(assets),
+            watch_for_changes_override: Some(watches),
             ..default()
         })
         .add_plugins(TerrainPlugin)
@@ -286,6 +323,15 @@ pub fn app(assets: &Path) -> App {
         })
         .add_observer(|event: On<TerrainFailed>, mut told: ResMut<Told>| {
             told.failed.push((event.entity, event.reason.clone()));
+        })
+        .add_observer(|event: On<TileReloaded>, mut told: ResMut<Told>| {
+            told.reloaded.push(event.address);
+        })
+        .add_observer(|event: On<TerrainReloadFailed>, mut told: ResMut<Told>| {
+            told.reload_failed.push(event.reason.clone());
+        })
+        .add_observer(|event: On<TerrainPinReady>, mut told: ResMut<Told>| {
+            told.pins_ready.push(event.entity);
         });
     app.finish();
     app.cleanup();
