@@ -26,6 +26,7 @@ use bevy::asset::io::{
     AssetReader, AssetReaderError, AssetSourceBuilder, AssetSourceEvent, AssetWatcher, PathStream,
     Reader, ReaderNotSeekableError, SeekableReader, VecReader, file::FileAssetReader,
 };
+#[cfg(feature = "http")]
 use bevy::log::error;
 use bevy::prelude::*;
 use std::path::{Path, PathBuf};
@@ -182,6 +183,16 @@ enum Place {
     Folder(HttpFolder),
 }
 
+impl Place {
+    const fn archive(&self) -> Option<&Archive> {
+        match self {
+            Self::Archive(archive) => Some(archive),
+            #[cfg(feature = "http")]
+            Self::Folder(_) => None,
+        }
+    }
+}
+
 /// Where a terrain's archive lies.
 enum Archive {
     File(PathBuf),
@@ -218,16 +229,13 @@ struct Store {
 impl Store {
     /// The bytes of a file of the terrain's folder.
     fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
-        let archive = match &self.place {
-            Place::Archive(archive) => archive,
-            #[cfg(feature = "http")]
-            Place::Folder(folder) => {
-                // Paths have backslashes on some systems, URLs on none.
-                let bytes = folder.read(&path.to_string_lossy().replace('\\', "/"));
-                return bytes.map_err(std::io::Error::other);
-            }
-        };
-        self.read_of(archive, path)
+        #[cfg(feature = "http")]
+        if let Place::Folder(folder) = &self.place {
+            // Paths have backslashes on some systems, URLs on none.
+            let bytes = folder.read(&path.to_string_lossy().replace('\\', "/"));
+            return bytes.map_err(std::io::Error::other);
+        }
+        self.read_of(path)
             .map_err(|error| {
                 // Perhaps the file has been replaced: it is opened anew the next time.
                 self.set_opened(None);
@@ -236,7 +244,10 @@ impl Store {
             .ok_or_else(|| std::io::Error::other("the archive lacks it"))
     }
 
-    fn read_of(&self, archive: &Archive, path: &Path) -> Result<Option<Vec<u8>>, ArchiveError> {
+    fn read_of(&self, path: &Path) -> Result<Option<Vec<u8>>, ArchiveError> {
+        let Some(archive) = self.place.archive() else {
+            return Ok(None);
+        };
         // The manifest is read first, and again where the file may have changed.
         let is_manifest = path == Path::new(MANIFEST_FILE);
         let open = match self.opened().filter(|_| !is_manifest) {
