@@ -14,12 +14,20 @@ use common::flight::{FRAMES_PER_S, SIDE, drawn, hills, rough_weather};
 use common::gpu::{Kernels, ReadBack};
 use common::manifold;
 use common::virtual_source::VirtualSource;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// A twentieth of the terrain's tiles.
 const PAGES: u32 = 68;
 /// As high as a screen, so that pixels are as large, and narrow, so that they are few.
 const PICTURE: UVec2 = UVec2::new(48, 720);
+
+/// Memory is measured of the process, in which tests would otherwise run side by side.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+fn alone() -> MutexGuard<'static, ()> {
+    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 struct Flight {
     kernels: Kernels,
@@ -149,6 +157,7 @@ fn moved_px(before: &ReadBack, now: &ReadBack, p: IVec2) -> [f32; 2] {
 
 #[test]
 fn a_flight_is_whole_and_smooth_however_late_tiles_come() {
+    let _alone = alone();
     let tiles = hills().join("hills/tile");
     let tiles = (0..6).map(|level| tiles.join(level.to_string()).read_dir().unwrap().count());
     assert!(tiles.sum::<usize>() as u32 >= 20 * PAGES);
@@ -193,6 +202,7 @@ fn a_flight_is_whole_and_smooth_however_late_tiles_come() {
 
 #[test]
 fn jumps_second_cameras_resizes_and_moved_terrains_are_whole() {
+    let _alone = alone();
     let mut flight = Flight::new(PAGES, UVec2::new(64, 48));
     let mut random = common::random::Random(9);
     let terrain = flight.kernels.terrain;
@@ -273,6 +283,7 @@ fn resident_bytes() -> u64 {
 
 #[test]
 fn drawing_three_hundred_frames_takes_no_more_memory_than_a_hundred() {
+    let _alone = alone();
     let mut flight = Flight::new(PAGES, UVec2::new(64, 36));
     let mut memory = Vec::new();
     for n in 0..400 {
