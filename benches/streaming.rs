@@ -77,15 +77,19 @@ fn app(assets: &Path, location: Option<&str>) -> App {
     app
 }
 
-fn fly(name: &str, assets: &Path, location: Option<&str>, seconds: u32, side: u32) {
-    let mut app = app(assets, location);
+fn spawn_terrain(app: &mut App, location: Option<&str>) -> Entity {
     let manifest = if location.is_some() {
         "other://terrain.ron"
     } else {
         "big/terrain.ron"
     };
     let manifest = app.world().resource::<AssetServer>().load(manifest);
-    let terrain = app.world_mut().spawn(Terrain::new(manifest)).id();
+    app.world_mut().spawn(Terrain::new(manifest)).id()
+}
+
+fn fly(name: &str, assets: &Path, location: Option<&str>, seconds: u32, side: u32) {
+    let mut app = app(assets, location);
+    let terrain = spawn_terrain(&mut app, location);
     let start = Vec3::new(600.0, 400.0, 900.0);
     let eye = (TerrainCamera::default(), Transform::from_translation(start));
     let eye = app.world_mut().spawn(eye).id();
@@ -185,13 +189,7 @@ fn wait_for_single_tiles(name: &str, assets: &Path, location: Option<&str>, side
     app.world_mut()
         .resource_mut::<TerrainStreaming>()
         .loads_in_flight = 1;
-    let manifest = if location.is_some() {
-        "other://terrain.ron"
-    } else {
-        "big/terrain.ron"
-    };
-    let manifest = app.world().resource::<AssetServer>().load(manifest);
-    let terrain = app.world_mut().spawn(Terrain::new(manifest)).id();
+    let terrain = spawn_terrain(&mut app, location);
     let eye = (TerrainCamera::default(), Transform::default());
     let eye = app.world_mut().spawn(eye).id();
     for jump in 0..24_u32 {

@@ -29,6 +29,7 @@ mod fade;
 mod pages;
 mod pin;
 mod pool;
+mod reload;
 mod residency;
 mod settings;
 mod start;

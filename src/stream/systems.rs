@@ -9,17 +9,15 @@ use super::state::{Failure, Loading, Slot, TerrainState};
 use super::{TileData, TileOf, TilePage};
 use crate::residency::{EyePath, PlanTerrain, Planner, levels_short};
 use crate::terrain::{
-    TerrainFailed, TerrainManifest, TerrainReady, TerrainSettings, TileEvicted, TileFailed,
-    TileLoaded, TileReloaded,
+    TerrainFailed, TerrainReady, TerrainSettings, TileEvicted, TileFailed, TileLoaded,
 };
 use crate::tile::{TerrainTile, TileAddress};
 use crate::view::TerrainViews;
-use bevy::asset::{AssetId, AssetLoadFailedEvent, AssetPath, LoadState};
+use bevy::asset::{AssetLoadFailedEvent, AssetPath, LoadState};
 use bevy::ecs::system::SystemParam;
 use bevy::log::{error, info, warn};
 use bevy::prelude::*;
 use bevy::time::Real;
-use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -108,7 +106,7 @@ pub(super) fn retry_after_s(retry_s: f32, attempts: u32) -> f64 {
 #[derive(SystemParam)]
 pub(crate) struct Outside<'w, 's> {
     settings: Res<'w, TerrainStreaming>,
-    time: Res<'w, Time<Real>>,
+    pub(super) time: Res<'w, Time<Real>>,
     server: Res<'w, AssetServer>,
     tiles: Res<'w, Assets<TerrainTile>>,
     changes: MessageReader<'w, 's, AssetEvent<TerrainTile>>,
@@ -389,24 +387,15 @@ impl Outside<'_, '_> {
             let Some(tile) = self.tiles.get(*id) else {
                 continue;
             };
-            for (entity, mut state, _, next) in &mut *terrains {
-                // What is about to be replaced stays as it is.
-                let mut next = next;
-                let state = match &mut next {
-                    Some(next) => &mut next.0,
-                    None => &mut *state,
-                };
+            for (entity, mut state, _, mut next) in &mut *terrains {
+                let state = heir(&mut state, next.as_deref_mut());
                 state.tile_changed(entity, *id, tile, &mut self.commands);
             }
         }
         for failure in self.failures.read() {
             let path = failure.path.to_string();
-            for (entity, mut state, _, next) in &mut *terrains {
-                let mut next = next;
-                let state = match &mut next {
-                    Some(next) => &mut next.0,
-                    None => &mut *state,
-                };
+            for (entity, mut state, _, mut next) in &mut *terrains {
+                let state = heir(&mut state, next.as_deref_mut());
                 if state.is_holding(failure.id) {
                     let reason = reason_of(&failure.error, &path);
                     state.tile_change_failed(entity, failure.id, reason, &mut self.commands);
@@ -416,9 +405,20 @@ impl Outside<'_, '_> {
     }
 }
 
+/// The state that files which change are told to: what is about to be replaced stays as it is.
+fn heir<'a>(
+    state: &'a mut TerrainState,
+    next: Option<&'a mut NextTerrain>,
+) -> &'a mut TerrainState {
+    match next {
+        Some(next) => &mut next.0,
+        None => state,
+    }
+}
+
 impl Slot {
     /// Tells the game that the tile goes.
-    fn evict(&self, terrain: Entity, address: TileAddress, commands: &mut Commands) {
+    pub(super) fn evict(&self, terrain: Entity, address: TileAddress, commands: &mut Commands) {
         commands.trigger(TileEvicted {
             entity: terrain,
             tile: self.entity,
@@ -573,7 +573,7 @@ impl TerrainState {
     }
 
     /// A message about a tile's file.
-    fn of_file(&self, address: TileAddress, what: &str) -> String {
+    pub(super) fn of_file(&self, address: TileAddress, what: &str) -> String {
         format!("{} can't be used: {what}", self.tile_path(address))
     }
 
@@ -619,7 +619,7 @@ impl TerrainState {
     }
 
     /// Lets tiles be asked for again whose time has come.
-    fn retry(&mut self, now_s: f64) {
+    pub(super) fn retry(&mut self, now_s: f64) {
         for (&address, failure) in &mut self.failed {
             if failure.retry_at_s.is_some_and(|at_s| at_s <= now_s) {
                 failure.retry_at_s = None;
@@ -649,7 +649,7 @@ impl TerrainState {
     }
 
     /// Where a tile's file lies.
-    fn tile_path(&self, address: TileAddress) -> AssetPath<'static> {
+    pub(super) fn tile_path(&self, address: TileAddress) -> AssetPath<'static> {
         let path = TerrainTile::path(address);
         AssetPath::from(self.manifest_path.path().with_file_name(path))
             .with_source(self.manifest_path.source().clone_owned())
@@ -711,7 +711,13 @@ impl TerrainState {
     }
 
     /// Asks for a tile; says whether that was necessary.
-    fn request(&mut self, address: TileAddress, rank: u32, now_s: f64, outside: &Outside) -> bool {
+    pub(super) fn request(
+        &mut self,
+        address: TileAddress,
+        rank: u32,
+        now_s: f64,
+        outside: &Outside,
+    ) -> bool {
         let known = self.pages().get(address).is_some()
             || self.loading.iter().any(|l| l.address == address);
         if known || !self.available.has(address) {
@@ -779,230 +785,5 @@ impl TerrainState {
         if self.residency.is_appearing && self.is_ready() && is_complete {
             self.residency.is_appearing = false;
         }
-    }
-}
-
-/// What happens when files change under a running program.
-impl TerrainState {
-    /// Follows a changed manifest, where what is resident may stay: where sizes and heights mean
-    /// the same. Says whether it does.
-    pub(super) fn take_manifest(&mut self, manifest: &TerrainManifest) -> bool {
-        let (old, new) = (&self.manifest.file, &manifest.file);
-        if old.stamp() != new.stamp() || old.levels != new.levels {
-            return false;
-        }
-        let mut bounds = manifest.clone();
-        for (address, range) in self.bounds.index.iter() {
-            let range = manifest
-                .index
-                .get(address)
-                .map_or(range, |new| new.union(range));
-            bounds.index.set(address, Some(range));
-        }
-        self.bounds = Arc::new(bounds);
-        self.bounds_version += 1;
-        self.manifest = Arc::new(manifest.clone());
-        self.has_strays = true;
-        self.available = crate::residency::Availability::new(&self.manifest.index);
-        self.failed.clear();
-        self.must_plan = true;
-        self.refresh();
-        true
-    }
-
-    /// Reads all tiles again that are there or on their way.
-    pub(super) fn refresh(&mut self) {
-        self.was_refreshed = true;
-        let residents = self.residency.residents();
-        let mut tiles: VecDeque<_> = residents.map(|(_, address)| address).collect();
-        // The coarsest first: they are seen most.
-        tiles
-            .make_contiguous()
-            .sort_unstable_by_key(|tile| (u8::MAX - tile.level, tile.z, tile.x));
-        for loading in &mut self.loading {
-            loading.is_ready = false;
-            loading.is_stale = true;
-            tiles.push_front(loading.address);
-        }
-        self.to_refresh = tiles;
-    }
-
-    /// Loads nothing more: another state is about to take this one's place.
-    pub(super) fn await_next(&mut self) {
-        self.has_next = true;
-        self.loading.clear();
-        self.to_refresh.clear();
-        self.refreshing.clear();
-    }
-
-    /// Asks for up to `most` tiles that are to be read again; returns how many were.
-    fn request_refreshed(&mut self, most: usize, now_s: f64, server: &AssetServer) -> usize {
-        let mut asked = 0;
-        while asked < most
-            && let Some(address) = self.to_refresh.pop_front()
-        {
-            let page = self.pages().get(address);
-            let slot = page.and_then(|page| self.slot(page));
-            let loading = self.loading.iter().find(|l| l.address == address);
-            let handle = slot
-                .map(|slot| &slot.handle)
-                .or(loading.map(|loading| &loading.handle));
-            if let Some(id) = handle.map(Handle::id) {
-                server.reload(self.tile_path(address));
-                self.refreshing.push((id, now_s));
-                asked += 1;
-            }
-        }
-        asked
-    }
-
-    /// Whether a tile is this terrain's, resident or on its way.
-    fn is_holding(&self, id: AssetId<TerrainTile>) -> bool {
-        let mut slots = self.slots.iter().flatten();
-        slots.any(|slot| slot.handle.id() == id)
-            || self.loading.iter().any(|loading| loading.handle.id() == id)
-    }
-
-    fn page_of(&self, id: AssetId<TerrainTile>) -> Option<u32> {
-        let mut slots = (0..).zip(&self.slots);
-        slots
-            .find(|(_, slot)| slot.as_ref().is_some_and(|slot| slot.handle.id() == id))
-            .map(|(page, _)| page)
-    }
-
-    /// A tile's file has been read again.
-    fn tile_changed(
-        &mut self,
-        entity: Entity,
-        id: AssetId<TerrainTile>,
-        tile: &TerrainTile,
-        commands: &mut Commands,
-    ) {
-        self.refreshing.retain(|&(other, _)| other != id);
-        if let Some(loading) = self.loading.iter_mut().find(|l| l.handle.id() == id) {
-            // Checked when it is polled.
-            if loading.is_stale && tile.check(&self.manifest, loading.address).is_ok() {
-                loading.is_stale = false;
-            } else if loading.is_stale {
-                // Polled once more, it fails with what is wrong.
-                loading.since_s = f64::NEG_INFINITY;
-            }
-            loading.is_ready = false;
-            return;
-        }
-        let Some(page) = self.page_of(id) else {
-            return;
-        };
-        let resident = self.residency.residents().find(|&(at, _)| at == page);
-        let Some((_, address)) = resident else {
-            return;
-        };
-        if let Err(error) = tile.check(&self.manifest, address) {
-            let reason = self.of_file(address, &error.to_string());
-            self.tile_change_failed(entity, id, reason, commands);
-            return;
-        }
-        let Some(slot) = self.slots[page as usize].as_mut() else {
-            return;
-        };
-        slot.complaint.clear();
-        slot.retry_at_s = None;
-        if slot.tile == *tile {
-            return;
-        }
-        slot.replace(tile.clone());
-        self.residency.page_log.touch();
-        let tile = slot.entity;
-        self.failed.remove(&address);
-        info!("tile {address} of terrain {entity} has been read again");
-        commands.trigger(TileReloaded {
-            entity,
-            tile,
-            address,
-        });
-    }
-
-    /// A resident tile's file has changed and can't be used: what was read before stays.
-    fn tile_change_failed(
-        &mut self,
-        entity: Entity,
-        id: AssetId<TerrainTile>,
-        reason: String,
-        commands: &mut Commands,
-    ) {
-        self.refreshing.retain(|&(other, _)| other != id);
-        if let Some(loading) = self.loading.iter_mut().find(|l| l.handle.id() == id) {
-            // Polled once more, what was there before does or doesn't do.
-            loading.since_s = f64::NEG_INFINITY;
-        }
-        let Some(page) = self.page_of(id) else {
-            return;
-        };
-        let resident = self.residency.residents().find(|&(at, _)| at == page);
-        self.has_complaints = true;
-        let slot = self.slots[page as usize].as_mut();
-        if let (Some((_, address)), Some(slot)) = (resident, slot)
-            && slot.complaint != reason
-        {
-            slot.complaint.clone_from(&reason);
-            warn!("tile {address} of terrain {entity} stays as it was: {reason}");
-            commands.trigger(TileFailed {
-                entity,
-                address,
-                reason,
-            });
-        }
-    }
-
-    /// Whether the coarsest tiles have loaded, as far as they can be had.
-    pub(super) fn has_its_roots(&self) -> bool {
-        let root = self.root();
-        self.loading.iter().any(|l| l.address == root && l.is_ready)
-            && self.root_tiles().all(|address| {
-                !self.available.has(address)
-                    || self
-                        .loading
-                        .iter()
-                        .any(|l| l.address == address && l.is_ready)
-            })
-    }
-
-    fn root_tiles(&self) -> impl Iterator<Item = TileAddress> + use<> {
-        let root_level = self.root().level;
-        let coarsest = root_level.saturating_sub(self.settings.root_levels - 1)..=root_level;
-        let tiles: Vec<_> = coarsest
-            .rev()
-            .map(|level| (level, self.pages().tiles(level)))
-            .collect();
-        tiles.into_iter().flat_map(|(level, [across, down])| {
-            (0..down).flat_map(move |z| (0..across).map(move |x| TileAddress::new(level, x, z)))
-        })
-    }
-
-    /// Asks for the coarsest tiles of a terrain that isn't drawn yet.
-    fn request_roots(&mut self, outside: &Outside) {
-        let now_s = outside.time.elapsed_secs_f64();
-        self.retry(now_s);
-        for (rank, address) in (0..).zip(self.root_tiles()) {
-            self.request(address, rank, now_s, outside);
-        }
-    }
-
-    /// Lets another state take this one's place.
-    pub(super) fn give_way(&mut self, next: &mut Self, entity: Entity, commands: &mut Commands) {
-        next.eyes.clone_from(&self.eyes);
-        next.fades.clone_from(&self.fades);
-        next.pins.clone_from(&self.pins);
-        next.must_plan = true;
-        next.is_next = false;
-        std::mem::swap(self, next);
-        let residents: Vec<_> = next.residency.residents().collect();
-        for (page, address) in residents {
-            if let Some(slot) = next.slot(page) {
-                slot.evict(entity, address, commands);
-            }
-        }
-        commands.entity(entity).try_remove::<NextTerrain>();
-        info!("terrain {entity} is another one now: its manifest has changed");
     }
 }

@@ -183,6 +183,22 @@ impl Sim {
         }
     }
 
+    /// Places all over a terrain of 2500 samples a side.
+    fn places(&self) -> Vec<IVec2> {
+        (0..61 * 61)
+            .map(|at| IVec2::new(at % 61, at / 61) * (41 << self.lattice.unit_log2))
+            .collect()
+    }
+
+    /// The levels that the first view reads there, 8.8.
+    fn levels_at(&self, places: &[IVec2]) -> Vec<i32> {
+        let level = |&p: &IVec2| {
+            let detail = finest_detail(&self.lattice, &self.views[0].lod, p, p);
+            detail.max(self.residency.field.at(p))
+        };
+        places.iter().map(level).collect()
+    }
+
     fn settle(&mut self) {
         for _ in 0..10_000 {
             self.frame(0.5, 64, None);
@@ -268,22 +284,13 @@ proptest! {
         eyes in prop::collection::vec((0..2500, 0..2500), 2..5),
     ) {
         let mut sim = Sim::new([2500, 2500], capacity, |_| true);
-        let points: Vec<_> = (0..61 * 61)
-            .map(|at| IVec2::new(at % 61, at / 61) * (41 << sim.lattice.unit_log2))
-            .collect();
-        let read = |sim: &Sim| -> Vec<i32> {
-            let level = |&p: &IVec2| {
-                let detail = finest_detail(&sim.lattice, &sim.views[0].lod, p, p);
-                detail.max(sim.residency.field.at(p))
-            };
-            points.iter().map(level).collect()
-        };
+        let points = sim.places();
         for (x, z) in eyes {
             sim.look(&[[x, z]]);
-            let mut before = read(&sim);
+            let mut before = sim.levels_at(&points);
             for _ in 0..60 {
                 sim.frame(0.1, 5, None);
-                let now = read(&sim);
+                let now = sim.levels_at(&points);
                 for ((a, b), p) in before.iter().zip(&now).zip(&points) {
                     prop_assert!((a - b).abs() <= 27, "{p}: {a} to {b} in a tenth of a level");
                 }
@@ -452,22 +459,13 @@ proptest! {
         const MAX_PX: f32 = 0.2;
         const LEVELS: f32 = 4.0 / 60.0;
         let mut sim = Sim::new([2500, 2500], capacity, |_| true);
-        let points: Vec<_> = (0..61 * 61)
-            .map(|at| IVec2::new(at % 61, at / 61) * (41 << sim.lattice.unit_log2))
-            .collect();
-        let read = |sim: &Sim| -> Vec<i32> {
-            let level = |&p: &IVec2| {
-                let detail = finest_detail(&sim.lattice, &sim.views[0].lod, p, p);
-                detail.max(sim.residency.field.at(p))
-            };
-            points.iter().map(level).collect()
-        };
+        let points = sim.places();
         for (x, z) in eyes {
             sim.look(&[[x, z]]);
             for view in &mut sim.views {
                 view.focal_px = 900.0;
             }
-            let mut before = read(&sim);
+            let mut before = sim.levels_at(&points);
             for _ in 0..60 {
                 sim.plan();
                 let fade = Fade { levels: LEVELS, max_px: MAX_PX };
@@ -482,7 +480,7 @@ proptest! {
                     sim.activate(tile, rank);
                 }
                 sim.make_room(missing.len());
-                let now = read(&sim);
+                let now = sim.levels_at(&points);
                 for ((a, b), &p) in before.iter().zip(&now).zip(&points) {
                     let level_px = sim.views[0].pixels(rise_m, p, p);
                     let levels = (a - b).abs() as f32 / 256.0;
