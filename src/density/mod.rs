@@ -46,7 +46,7 @@ mod texels;
 pub use kernel::{DensityKernel, DensityScratch, DensityWindow};
 pub use settings::{DensityBorder, DensityFilter, DensitySettings, DensitySettingsError};
 pub use texels::{DensityExtent, DensityRows, densities, texels_of, tile_densities};
-pub(crate) use texels::{coarser_row, spread_row};
+pub(crate) use texels::{coarser_row, some_tile_densities, spread_row};
 
 impl DensityFilter {
     /// What takes the filter's curvature to a density at a gain of 1.

@@ -138,6 +138,31 @@ pub fn tile_densities(
     kernel.run(&window, scratch, out, DENSITY_TEXELS as usize);
 }
 
+/// The densities of some of a tile's own texels, as [`tile_densities`] gives them: those in `columns`
+/// and `rows`, which lie on the terrain. Writes them row by row.
+pub(crate) fn some_tile_densities(
+    kernel: &DensityKernel,
+    extent: &DensityExtent,
+    first: [u32; 2],
+    [columns, rows]: [Range<u32>; 2],
+    heights: &[u16],
+    scratch: &mut DensityScratch,
+    out: &mut [u8],
+) {
+    let stride = (TILE_SAMPLES + 2 * TILE_BORDER + 1) as usize;
+    let skip = [&columns, &rows].map(|range| (TILE_BORDER - 1 + CELL * range.start) as usize);
+    let window = DensityWindow {
+        heights: &heights[skip[1] * stride + skip[0]..],
+        stride,
+        texels: [columns.len(), rows.len()],
+        terrain: [
+            on_terrain(first[0] / CELL + columns.start, extent.samples[0]),
+            on_terrain(first[1] / CELL + rows.start, extent.samples[1]),
+        ],
+    };
+    kernel.run(&window, scratch, out, columns.len());
+}
+
 /// Spreads a row of densities: each texel takes the largest of the square around it that
 /// [`DensitySettings::filter_size`] sets, or of the larger one for texels on a tile's border.
 /// `row(z)` gives the rows before; it is asked for rows `0..rows` only.
