@@ -90,6 +90,29 @@ pub(crate) fn check_place(out: &Path, kind: &'static str) -> Result<Place, Outpu
     Ok(Place { folder, metadata })
 }
 
+/// Removes what processes that are gone left half-written in `folder`, of files that were to become
+/// `what`.
+pub(crate) fn remove_leftovers(folder: &Path, what: &str) {
+    let start = format!(".tessera-{what}-");
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let process = name
+            .strip_prefix(&start)
+            .and_then(|rest| rest.strip_suffix(".partial")?.split_once('-'))
+            .and_then(|(process, number)| number.parse::<u32>().and(process.parse()).ok());
+        if process.is_some_and(is_gone) {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// Whether the process surely runs no more. Only Linux tells without further ado; elsewhere what
+/// a killed process left has to be removed by hand.
+pub(crate) fn is_gone(process: u32) -> bool {
+    let processes = Path::new("/proc");
+    processes.join("self").exists() && !processes.join(process.to_string()).exists()
+}
+
 /// A file being written under another name. Dropped before it is published, it is removed.
 pub(crate) struct PartialFile {
     path: PathBuf,

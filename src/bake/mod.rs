@@ -23,6 +23,7 @@
 //! # Parts
 //! What one machine can't bake, several can: see [`shard`].
 
+mod apply;
 mod fill;
 #[cfg(feature = "generate")]
 pub mod generate;
@@ -40,6 +41,7 @@ mod span;
 mod verify;
 mod writer;
 
+pub use apply::{ApplyReport, apply_edits};
 #[cfg(feature = "import")]
 pub use preview::{PreviewError, PreviewKind, PreviewReport, PreviewSettings, preview};
 pub use rebake::{DensityReport, rebake_densities};

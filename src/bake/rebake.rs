@@ -324,7 +324,7 @@ struct Written {
     sum: u64,
 }
 
-fn read<T>(
+pub(super) fn read<T>(
     dir: &Path,
     path: &str,
     decode: impl FnOnce(&[u8]) -> Result<T, TileFormatError>,

@@ -2,6 +2,7 @@
 
 use super::SourceError;
 use crate::density::DensitySettingsError;
+use crate::edit::EditLogError;
 use crate::terrain::ManifestError;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
@@ -26,6 +27,8 @@ pub enum BakeStage {
     Pack,
     /// Unpacking tiles of an archive; counted in tiles.
     Unpack,
+    /// Applying edits; counted in tiles.
+    Apply,
     /// Putting the finished terrain in its place.
     Finish,
 }
@@ -184,6 +187,12 @@ pub enum BakeError {
         path: PathBuf,
         /// What is wrong with it.
         reason: String,
+    },
+    /// The edits can't be baked into the terrain.
+    #[error(transparent)]
+    Edits {
+        /// Why not.
+        reason: EditLogError,
     },
     /// Another bake put its terrain there while densities of the old one were made.
     #[error("{} was replaced meanwhile, so nothing was changed; run it again", path.display())]

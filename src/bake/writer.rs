@@ -1,6 +1,7 @@
 //! Writing a terrain so that it is there as a whole or not at all.
 
 use super::BakeError;
+use crate::output::is_gone;
 use crate::terrain::{INDEX_FILE, MANIFEST_FILE, ManifestFile};
 use crate::tile::{DensityTile, ErrorTile, HeightTile, TileAddress, TileIndex, tile_path};
 use std::ffi::OsString;
@@ -214,13 +215,6 @@ fn recover(parent: &Path, name: &OsString, out: &Path) {
             let _ = fs::remove_dir_all(entry.path());
         }
     }
-}
-
-/// Whether the process surely runs no more. Only Linux tells without further ado; elsewhere what
-/// a killed bake left has to be removed by hand.
-fn is_gone(process: u32) -> bool {
-    let processes = Path::new("/proc");
-    processes.join("self").exists() && !processes.join(process.to_string()).exists()
 }
 
 /// What a tile's file is made of. What is `None` is left out, for benchmarks.

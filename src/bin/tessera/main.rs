@@ -1,5 +1,6 @@
 //! `tessera`: bakes height maps into terrains, makes terrains of nothing, and looks at terrains.
 
+mod apply;
 mod archive;
 mod bake;
 mod density;
@@ -57,6 +58,12 @@ enum Command {
         #[command(flatten)]
         density: density::DensityArgs,
     },
+    /// Bake edits that were made in a game into a copy of the terrain.
+    ///
+    /// The log is a file of edits as games save it, binary or RON. The new terrain's heights are those
+    /// that a game has which applies the log, byte for byte. Tiles that no edit reaches are linked where
+    /// the file system can. Stopped half-way, it leaves nothing.
+    Apply(apply::ApplyArgs),
     /// Draw a terrain from above: shaded relief, densities (red where high, green where low), and
     /// both blended.
     Preview(preview::PreviewArgs),
@@ -123,6 +130,7 @@ fn run(command: Command) -> Result<ExitCode, Box<dyn Error>> {
         Command::Merge(args) => bake::merge(&args),
         Command::Generate(args) => generate::generate(&args),
         Command::Density { dir, density } => density::density(&dir, &density),
+        Command::Apply(args) => apply::apply(&args),
         Command::Preview(args) => preview::preview(&args),
         Command::Mesh(args) => mesh::mesh(&args),
         Command::Pack(args) => archive::pack(&args),

@@ -62,6 +62,7 @@ impl BakeProgress for Bar {
             BakeStage::Bake => ("bake", "samples"),
             BakeStage::Merge => ("check", "tiles"),
             BakeStage::Density => ("density", "tiles"),
+            BakeStage::Apply => ("apply", "tiles"),
             BakeStage::Pack => ("pack", "tiles"),
             BakeStage::Unpack => ("unpack", "tiles"),
             _ => return self.clear(),
