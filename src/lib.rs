@@ -39,6 +39,7 @@
 //! | [`bake`] | height maps to terrains; readers of file formats in `bake::import`, terrains made of nothing in `bake::generate` | (`import`, `generate`) |
 //! | [`density`] | curvature filters, and densities from heights | |
 //! | [`detail`] | displacement finer than the samples: noise that follows a rule | |
+//! | [`edit`] | craters and other changes of the ground, their log, saves and scorch; with `ecs` as triggers | |
 //! | [`error_bound`] | bounds on the error that any triangles leave, from heights | |
 //! | [`output`] | why a picture or a mesh can't be written at a path | |
 //! | [`lattice`] | the integer grid, level of detail, morph, selection, the residency field | |
@@ -46,8 +47,9 @@
 //! | [`tessellate`] | edge factors, partitioning, the CPU twin of the compute passes | |
 //! | [`mesh_export`] | a view's mesh as a Wavefront OBJ or binary glTF file | |
 //! | `source` | archives, and folders and archives behind web servers, as asset sources | `ecs` with `archive`, (`http`) |
-//! | [`query`] | asking the ground for its height | `ecs` |
+//! | [`query`] | the ground's height, normal and slope, rays at it, and what is under a pointer | (`ecs`, `picking`) |
 //! | [`stream`] | which tiles are resident, and the entities that stand for them | `ecs` |
+//! | `physics` | colliders for Avian, near bodies and in pinned regions | `avian` |
 //! | [`view`] | what each camera's level of detail follows from | `ecs` |
 //! | [`render`] | culling, compute passes, draws, [materials](render::TerrainMaterial) | `render` |
 //!
@@ -69,14 +71,16 @@
 //! | `import` | readers of PNG, TIFF, OpenEXR, SRTM and raw height maps | |
 //! | `generate` | terrains made of nothing: fractal noise, diamond-square | |
 //! | `archive` | terrains in one file: packed tiles in a PMTiles archive | yes |
+//! | `avian` | colliders for Avian, near bodies and in pinned regions; implies `ecs` | |
 //! | `http` | terrains behind a web server, read by ranges; implies `archive`, needs a C compiler | |
+//! | `picking` | terrains under pointers, through Bevy's picking; implies `render` | |
 //! | `cli` | the tool `tessera`; implies `import`, `generate` and `archive` | |
 //! | `examples` | what the examples need of Bevy: a window, a fly camera, pictures | |
 //!
 //! With none of them the core is left, which depends on no part of Bevy.
 //!
-//! # What it does not do yet
-//! The ground can't be changed, and has no colliders.
+//! # What it does not do
+//! The ground is a height field: it has no overhangs and no caves.
 //!
 //! [Bevy]: https://bevy.org
 #![deny(unsafe_code)]
@@ -94,10 +98,10 @@ pub mod archive;
 pub mod bake;
 pub mod density;
 pub mod detail;
+pub mod edit;
 pub mod error_bound;
 pub mod lattice;
 pub mod mesh_export;
-#[cfg(feature = "ecs")]
 pub mod query;
 #[cfg(feature = "render")]
 pub mod render;
@@ -113,6 +117,8 @@ pub mod tile;
 pub mod view;
 
 pub mod output;
+#[cfg(feature = "avian")]
+pub mod physics;
 #[cfg(feature = "ecs")]
 mod plugins;
 #[cfg(feature = "ecs")]

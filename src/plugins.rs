@@ -6,7 +6,8 @@ use bevy::prelude::*;
 /// Everything that a game adds to see, query and stream terrains; add it after `DefaultPlugins`.
 ///
 /// [`TerrainPlugin`](crate::terrain::TerrainPlugin) alone serves an app without a renderer; with
-/// the feature `render`, [`TerrainRenderPlugin`](crate::render::TerrainRenderPlugin) draws.
+/// the feature `render`, [`TerrainRenderPlugin`](crate::render::TerrainRenderPlugin) draws. With the
+/// feature `avian`, `TerrainPhysicsPlugin` gives bodies ground, where the game has Avian's plugins.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TerrainPlugins;
 
@@ -15,6 +16,10 @@ impl PluginGroup for TerrainPlugins {
         let group = PluginGroupBuilder::start::<Self>().add(crate::terrain::TerrainPlugin);
         #[cfg(feature = "render")]
         let group = group.add(crate::render::TerrainRenderPlugin);
+        #[cfg(all(feature = "picking", feature = "render"))]
+        let group = group.add(crate::query::TerrainPickingPlugin);
+        #[cfg(feature = "avian")]
+        let group = group.add(crate::physics::TerrainPhysicsPlugin::default());
         group
     }
 }

@@ -25,6 +25,9 @@
 
 mod cache;
 mod changes;
+mod content;
+mod dirt;
+mod edits;
 mod fade;
 mod pages;
 mod pin;
@@ -37,6 +40,8 @@ mod state;
 mod systems;
 mod tile;
 
+#[cfg(feature = "render")]
+pub(crate) use dirt::PageDirt;
 pub use pages::PageTable;
 pub use pin::{TerrainPin, TerrainPinProgress, TerrainRegion};
 pub(crate) use pin::{collect_pins, count_pins};

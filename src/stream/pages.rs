@@ -79,6 +79,17 @@ impl PageTable {
         (page != Self::NONE).then_some(page)
     }
 
+    /// The tile at a place in [`flat`](Self::flat).
+    #[cfg(feature = "render")]
+    pub(crate) fn address_at(&self, index: u32) -> Option<TileAddress> {
+        let mut levels = (0u8..self.levels()).zip(&self.levels).rev();
+        let (level, pages) =
+            levels.find(|(_, pages)| pages.offset <= index && index < self.flat.len() as u32)?;
+        let place = index - pages.offset;
+        let across = pages.tiles[0];
+        Some(TileAddress::new(level, place % across, place / across))
+    }
+
     /// Says which page holds a tile. Returns the place of that in [`flat`](Self::flat); `None`, and
     /// nothing done, for an address beyond the terrain.
     pub(crate) fn set(&mut self, address: TileAddress, page: Option<u32>) -> Option<u32> {
@@ -92,7 +103,8 @@ impl PageTable {
         self.index(address).is_some()
     }
 
-    fn index(&self, address: TileAddress) -> Option<usize> {
+    /// The place of a tile in [`flat`](Self::flat).
+    pub(crate) fn index(&self, address: TileAddress) -> Option<usize> {
         let level = self.levels.get(usize::from(address.level))?;
         let inside = address.x < level.tiles[0] && address.z < level.tiles[1];
         inside.then(|| (level.offset + address.z * level.tiles[0] + address.x) as usize)

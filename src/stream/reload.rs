@@ -3,6 +3,7 @@
 use super::start::NextTerrain;
 use super::state::{Slot, TerrainState};
 use super::systems::Outside;
+use crate::edit::EditLog;
 use crate::residency::Availability;
 use crate::terrain::{TerrainManifest, TileFailed, TileReloaded};
 use crate::tile::{TerrainTile, TileAddress};
@@ -29,14 +30,22 @@ impl TerrainState {
             bounds.index.set(address, Some(range));
         }
         self.bounds = Arc::new(bounds);
-        self.bounds_version += 1;
+        self.note_all_bounds();
+        self.has_wide_bounds = true;
         self.manifest = Arc::new(manifest.clone());
+        self.restart_edits();
         self.has_strays = true;
         self.available = Availability::new(&self.manifest.index);
         self.failed.clear();
         self.must_plan = true;
         self.refresh();
         true
+    }
+
+    /// Says that any tile's bounds may have changed.
+    pub(super) fn note_all_bounds(&mut self) {
+        let tiles = self.pages().flat().len() as u32;
+        self.bounds_log.note(0..tiles);
     }
 
     /// Reads all tiles again that are there or on their way.
@@ -49,7 +58,7 @@ impl TerrainState {
             .make_contiguous()
             .sort_unstable_by_key(|tile| (u8::MAX - tile.level, tile.z, tile.x));
         for loading in &mut self.loading {
-            loading.is_ready = false;
+            loading.arrival = None;
             loading.is_stale = true;
             tiles.push_front(loading.address);
         }
@@ -110,6 +119,7 @@ impl TerrainState {
         entity: Entity,
         id: AssetId<TerrainTile>,
         tile: &TerrainTile,
+        log: Option<&EditLog>,
         commands: &mut Commands,
     ) {
         self.refreshing.retain(|&(other, _)| other != id);
@@ -121,7 +131,7 @@ impl TerrainState {
                 // Polled once more, it fails with what is wrong.
                 loading.since_s = f64::NEG_INFINITY;
             }
-            loading.is_ready = false;
+            loading.arrival = None;
             return;
         }
         let Some((page, address)) = self.resident_of(id) else {
@@ -137,12 +147,17 @@ impl TerrainState {
         };
         slot.complaint.clear();
         slot.retry_at_s = None;
-        if slot.tile == *tile {
+        if slot.tile.base() == tile {
             return;
         }
-        slot.replace(tile.clone());
-        self.residency.page_log.touch();
+        let content = self.with_edits(address, tile.clone(), log);
+        let Some(slot) = self.slots[page as usize].as_mut() else {
+            return;
+        };
+        slot.take(content);
         let tile = slot.entity;
+        self.tile_replaced(address, commands);
+        self.residency.page_log.touch();
         self.failed.remove(&address);
         info!("tile {address} of terrain {entity} has been read again");
         commands.trigger(TileReloaded {
@@ -185,13 +200,15 @@ impl TerrainState {
     /// Whether the coarsest tiles have loaded, as far as they can be had.
     pub(super) fn has_its_roots(&self) -> bool {
         let root = self.root();
-        self.loading.iter().any(|l| l.address == root && l.is_ready)
+        self.loading
+            .iter()
+            .any(|l| l.address == root && l.is_ready())
             && self.root_tiles().all(|address| {
                 !self.available.has(address)
                     || self
                         .loading
                         .iter()
-                        .any(|l| l.address == address && l.is_ready)
+                        .any(|l| l.address == address && l.is_ready())
             })
     }
 

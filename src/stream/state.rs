@@ -1,20 +1,26 @@
 //! A terrain's run-time state: what is resident and what is on its way.
 
+use super::changes::ChangeLog;
+use super::content::TileContent;
+use super::dirt::{PageDirt, PageDirtLog};
+use super::edits::{Arrival, GroundEdits};
 use super::fade::FadeView;
 use super::residency::Residency;
 use super::{PageTable, TileBounds};
 use crate::detail::{DetailKernel, TerrainDetail};
+use crate::edit::{EditGround, EditRaster, EditScratch, TileChange};
 use crate::lattice::{DEFAULT_FACES_PER_SIDE, Lattice, LatticeError, ResidencyField};
+use crate::query::BlockRanges;
 use crate::residency::{Availability, EyePath, PinnedRegion};
 use crate::terrain::{TerrainManifest, TerrainSettings};
-use crate::tile::{HeightTile, TILE_SAMPLES, TerrainTile, TileAddress};
+use crate::tile::{HeightTile, TILE_SAMPLES, TerrainTile, TileAddress, TileRange};
 use bevy::asset::{AssetId, AssetPath};
 use bevy::prelude::*;
 use std::collections::{HashMap, VecDeque};
 #[cfg(feature = "render")]
 use std::ops::Range;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 
 /// What a terrain knows at run time; inserted on the terrain's entity once its manifest has
 /// loaded, and removed with it.
@@ -28,7 +34,9 @@ pub struct TerrainState {
     /// Bounds of all that may be drawn: the manifest's and, while tiles of a former one are about,
     /// that one's too.
     pub(super) bounds: Arc<TerrainManifest>,
-    pub(super) bounds_version: u64,
+    pub(super) bounds_log: ChangeLog,
+    /// Whether the bounds hold a former manifest's too.
+    pub(super) has_wide_bounds: bool,
     pub(super) manifest_id: AssetId<TerrainManifest>,
     /// The manifest's path; tiles lie beside it.
     pub(super) manifest_path: AssetPath<'static>,
@@ -73,6 +81,7 @@ pub struct TerrainState {
     pub(super) pins: Vec<PinnedRegion>,
     pub(super) planned_pins: Vec<PinnedRegion>,
     pub(super) lattice: Lattice,
+    pub(super) edits: GroundEdits,
     /// The detail as the game gave it, and as it is evaluated.
     pub(super) raw_detail: Option<TerrainDetail>,
     pub(super) detail: DetailKernel,
@@ -90,12 +99,16 @@ static CONTENT: AtomicU64 = AtomicU64::new(1);
 pub(super) struct Slot {
     pub(super) entity: Entity,
     pub(super) handle: Handle<TerrainTile>,
-    /// What is drawn and asked: the asset's content, shared with it until either changes.
-    pub(super) tile: TerrainTile,
+    /// What is drawn and asked.
+    pub(super) tile: TileContent,
     /// Changes with the content, and differs from all others'.
     pub(super) content: u64,
+    /// What of it has changed, from number to number.
+    pub(super) dirt: PageDirtLog,
     /// How far the ground is from the parent tile's at most, in metres, once somebody has asked.
     rise_m: Option<f32>,
+    /// The ranges of its blocks, once somebody has asked, and the content that they are of.
+    blocks: OnceLock<(u64, BlockRanges)>,
     /// Why its file, which has changed, can't be used; empty where there is nothing to say.
     pub(super) complaint: String,
     /// When the file is asked for again, seconds of real time.
@@ -103,23 +116,63 @@ pub(super) struct Slot {
 }
 
 impl Slot {
-    pub(super) fn new(entity: Entity, handle: Handle<TerrainTile>, tile: TerrainTile) -> Self {
+    pub(super) fn new(entity: Entity, handle: Handle<TerrainTile>, tile: TileContent) -> Self {
         Self {
             entity,
             handle,
             tile,
             content: CONTENT.fetch_add(1, Ordering::Relaxed),
+            dirt: PageDirtLog::default(),
             rise_m: None,
+            blocks: OnceLock::new(),
             complaint: String::new(),
             retry_at_s: None,
         }
     }
 
-    pub(super) fn replace(&mut self, tile: TerrainTile) {
+    /// Takes another content.
+    pub(super) fn take(&mut self, tile: TileContent) {
         self.tile = tile;
         self.content = CONTENT.fetch_add(1, Ordering::Relaxed);
+        self.dirt = PageDirtLog::default();
         self.rise_m = None;
-        self.complaint.clear();
+        self.blocks = OnceLock::new();
+    }
+
+    /// Applies an edit.
+    pub(super) fn apply(
+        &mut self,
+        address: TileAddress,
+        ground: &EditGround,
+        raster: &EditRaster,
+        scratch: &mut EditScratch,
+    ) -> TileChange {
+        let change = self.tile.apply(address, ground, raster, scratch);
+        // Pages begin with the border.
+        let border = crate::tile::TILE_BORDER as i32;
+        let dirt = PageDirt {
+            heights: change.heights.moved([border; 2]),
+            densities: change.densities,
+            errors: change.errors,
+        };
+        if dirt != PageDirt::default() {
+            self.dirt.note(self.content, dirt);
+            self.content = CONTENT.fetch_add(1, Ordering::Relaxed);
+        }
+        if let Some((of, blocks)) = self.blocks.get_mut() {
+            *of = self.content;
+            if !change.heights.is_empty() {
+                let at = |sample: i32| sample.clamp(0, TILE_SAMPLES as i32) as u32;
+                let last = change.heights.max.map(|end| at(end - 1));
+                blocks.refresh(&self.tile.tile().heights, change.heights.min.map(at), last);
+            }
+        }
+        change
+    }
+
+    /// The ground has changed, or that of the parent.
+    pub(super) const fn forget_rise(&mut self) {
+        self.rise_m = None;
     }
 }
 
@@ -132,10 +185,17 @@ pub(super) struct Loading {
     pub(super) handle: Handle<TerrainTile>,
     /// When it was asked for, seconds of real time.
     pub(super) since_s: f64,
-    /// The asset has loaded and is this terrain's.
-    pub(super) is_ready: bool,
+    /// What has become of it, once the asset has loaded and is this terrain's.
+    pub(super) arrival: Option<Arrival>,
     /// The asset was an older one and is being read again.
     pub(super) is_stale: bool,
+}
+
+impl Loading {
+    /// Whether the tile may become resident.
+    pub(super) fn is_ready(&self) -> bool {
+        self.arrival.as_ref().is_some_and(Arrival::is_done)
+    }
 }
 
 /// What is known of a tile that could not be read.
@@ -163,11 +223,13 @@ impl TerrainState {
             settings.leaf_level,
             DEFAULT_FACES_PER_SIDE,
         )?;
+        let edits = GroundEdits::new(file);
         Ok(Self {
             residency: Residency::new(&lattice, &manifest),
             available: Availability::new(&manifest.index),
             bounds: Arc::clone(&manifest),
-            bounds_version: 0,
+            bounds_log: ChangeLog::default(),
+            has_wide_bounds: false,
             manifest,
             manifest_id,
             manifest_path,
@@ -195,6 +257,7 @@ impl TerrainState {
             pins: Vec::new(),
             planned_pins: Vec::new(),
             lattice,
+            edits,
             raw_detail: None,
             detail: DetailKernel::default(),
             instance: INSTANCE.fetch_add(1, Ordering::Relaxed),
@@ -221,12 +284,33 @@ impl TerrainState {
         &self.manifest
     }
 
-    /// What bounds the ground that may be drawn in this frame, and a number that changes with it
-    /// within an [`instance`](Self::instance): the manifest, but where it has changed and tiles of the
-    /// former one are still resident.
+    /// What bounds the ground that may be drawn in this frame: the manifest, with what edits have
+    /// changed, and both manifests where it has changed and tiles of the former one are still
+    /// resident.
+    #[must_use]
+    pub const fn ground_bounds(&self) -> &Arc<TerrainManifest> {
+        &self.bounds
+    }
+
+    /// Changes whenever [`ground_bounds`](Self::ground_bounds) do; begins anew with every
+    /// [`instance`](Self::instance).
+    #[must_use]
+    pub const fn bounds_version(&self) -> u64 {
+        self.bounds_log.version()
+    }
+
+    /// The tiles whose bounds have changed since [`bounds_version`](Self::bounds_version) was `known`,
+    /// as places in the page table; `None` where that is too long ago.
     #[cfg(feature = "render")]
-    pub(crate) const fn drawn_bounds(&self) -> (&Arc<TerrainManifest>, u64) {
-        (&self.bounds, self.bounds_version)
+    pub(crate) fn bounds_changes(&self, known: u64) -> Option<impl Iterator<Item = Range<u32>>> {
+        self.bounds_log.since(known)
+    }
+
+    /// The lowest and the highest stored height that a tile's square may be drawn with, edits
+    /// included, whether or not the tile is resident; `None` where no such tile is stored.
+    #[must_use]
+    pub fn ground_range(&self, address: TileAddress) -> Option<TileRange> {
+        self.bounds.index.get(address)
     }
 
     /// Which page holds which tile. Pages are numbered across all terrains, which share them.
@@ -336,7 +420,25 @@ impl TerrainState {
     /// What a resident tile holds: that which is drawn.
     #[must_use]
     pub fn tile_data(&self, address: TileAddress) -> Option<&TerrainTile> {
-        self.slot(self.pages().get(address)?).map(|slot| &slot.tile)
+        self.slot(self.pages().get(address)?)
+            .map(|slot| slot.tile.tile())
+    }
+
+    /// What of a resident tile has changed since its content had the number `known`; `None` where
+    /// that is too long ago to tell, or was another tile's.
+    #[cfg(feature = "render")]
+    pub(crate) fn dirt_since(&self, page: u32, known: u64) -> Option<PageDirt> {
+        self.slot(page)?.dirt.since(known)
+    }
+
+    /// The ranges of a resident tile's blocks, made where nobody has asked since its content changed.
+    pub(crate) fn ground_blocks(&self, address: TileAddress) -> Option<&BlockRanges> {
+        let slot = self.slot(self.pages().get(address)?)?;
+        let (content, blocks) = slot
+            .blocks
+            .get_or_init(|| (slot.content, BlockRanges::new(&slot.tile.tile().heights)));
+        // Whoever changes heights and doesn't bring the blocks along makes rays slower, not wrong.
+        (*content == slot.content).then_some(blocks)
     }
 
     #[cfg(feature = "render")]
@@ -344,7 +446,7 @@ impl TerrainState {
     pub(crate) fn contents(&self) -> impl Iterator<Item = (u32, TileAddress, u64, &TerrainTile)> {
         self.residency.residents().filter_map(|(page, address)| {
             let slot = self.slot(page)?;
-            Some((page, address, slot.content, &slot.tile))
+            Some((page, address, slot.content, slot.tile.tile()))
         })
     }
 
@@ -389,7 +491,7 @@ impl TerrainState {
     /// The box that holds a stored tile's ground, resident or not.
     #[must_use]
     pub fn bounds(&self, address: TileAddress) -> Option<TileBounds> {
-        let range = self.manifest.index.get(address)?;
+        let range = self.ground_range(address)?;
         Some(TileBounds::new(&self.manifest.file, address, range))
     }
 
@@ -443,7 +545,8 @@ fn rise_m(
     if let Some(known) = slot.rise_m {
         return known;
     }
-    let rise = level_rise(&slot.tile.heights, &coarse.tile.heights, address);
+    let (tile, coarse) = (slot.tile.tile(), coarse.tile.tile());
+    let rise = level_rise(&tile.heights, &coarse.heights, address);
     let rise_m = f32::from(rise) * height_step_m;
     if let Some(slot) = &mut slots[page as usize] {
         slot.rise_m = Some(rise_m);

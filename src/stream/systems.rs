@@ -1,12 +1,14 @@
 //! The system that loads, activates and evicts tiles.
 
 use super::cache::TileCache;
+use super::content::TileContent;
 use super::fade::{Fade, FadeView};
 use super::pool::PagePool;
 use super::settings::TerrainStreaming;
 use super::start::{NextTerrain, reason_of, refuse_change};
 use super::state::{Failure, Loading, Slot, TerrainState};
 use super::{TileData, TileOf, TilePage};
+use crate::edit::{EditLog, TerrainEdits};
 use crate::residency::{EyePath, PlanTerrain, Planner, levels_short};
 use crate::terrain::{
     TerrainFailed, TerrainReady, TerrainSettings, TileEvicted, TileFailed, TileLoaded,
@@ -18,7 +20,6 @@ use bevy::ecs::system::SystemParam;
 use bevy::log::{error, info, warn};
 use bevy::prelude::*;
 use bevy::time::Real;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A plan is made anew when an eye has moved further than a finest tile's side divided by two to
@@ -123,6 +124,7 @@ pub(crate) type Terrains<'w, 's> = Query<
         &'static mut TerrainState,
         Ref<'static, TerrainSettings>,
         Option<&'static mut NextTerrain>,
+        &'static mut TerrainEdits,
     ),
 >;
 
@@ -138,7 +140,7 @@ pub(crate) fn stream_tiles(
     let streamer = &mut *streamer;
     let outside = &mut outside;
     streamer.take_settings(&outside.settings);
-    for (entity, mut state, settings, next) in &mut terrains {
+    for (entity, mut state, settings, next, edits) in &mut terrains {
         let state = &mut *state;
         if state.raw_settings != *settings {
             state.take_settings(&settings);
@@ -146,15 +148,21 @@ pub(crate) fn stream_tiles(
         }
         state.look(entity, &cameras);
         if let Some(mut next) = next {
-            next.0.poll_loads(entity, &streamer.settings, outside);
+            next.0
+                .poll_loads(entity, edits.log(), &streamer.settings, outside);
             next.0.request_roots(outside);
         }
     }
     streamer.count_lives(terrains.iter().map(|(_, state, ..)| state.instance()));
     outside.hand_out_changes(&mut terrains);
-    for (entity, mut state, ..) in &mut terrains {
+    for (entity, mut state, _, _, mut edits) in &mut terrains {
         let state = &mut *state;
-        state.poll_loads(entity, &streamer.settings, outside);
+        if let Some(log) = edits.log() {
+            state.catch_up(entity, log, &mut outside.commands);
+        }
+        state.keep_snapshots(edits.bypass_change_detection());
+        state.take_remade(edits.log(), &mut outside.commands);
+        state.poll_loads(entity, edits.log(), &streamer.settings, outside);
         state.retry(outside.time.elapsed_secs_f64());
         state.retry_residents(&streamer.settings, outside.time.elapsed_secs_f64());
         streamer.must_plan |= state.wants_plan(streamer.settings.lookahead_s);
@@ -178,7 +186,12 @@ pub(crate) fn stream_tiles(
     for (_, mut state, ..) in &mut terrains {
         let is_requested = streamer.cursor == streamer.planner.latest().ranked().len();
         let now_s = outside.time.elapsed_secs_f64();
-        state.finish(is_requested, now_s, &streamer.settings);
+        state.finish(
+            is_requested,
+            now_s,
+            &streamer.settings,
+            &mut outside.commands,
+        );
     }
     streamer.last_frame = began.elapsed();
 }
@@ -250,6 +263,7 @@ impl TerrainStreamer {
     fn free_pages(&mut self, terrain: Entity, state: &mut TerrainState, commands: &mut Commands) {
         let Self { pool, cache, .. } = self;
         let slots = &mut state.slots;
+        let mut contents = Vec::new();
         state.residency.free_faded(|page, address| {
             pool.give_back(page);
             let Some(slot) = slots.get_mut(page as usize).and_then(Option::take) else {
@@ -257,7 +271,11 @@ impl TerrainStreamer {
             };
             slot.evict(terrain, address, commands);
             cache.keep(slot.handle);
+            contents.push(slot.tile);
         });
+        for content in contents {
+            state.keep_edits(content);
+        }
     }
 
     /// Moves tiles from pages that there shouldn't be any more to others.
@@ -292,27 +310,35 @@ impl TerrainStreamer {
             let Some((rank, entity, at)) = best.min() else {
                 return;
             };
-            let Ok((_, mut state, ..)) = terrains.get_mut(entity) else {
+            let Ok((_, mut state, _, _, edits)) = terrains.get_mut(entity) else {
                 return;
             };
             let state = &mut *state;
             let address = state.loading[at].address;
-            let Some(tile) = outside.tiles.get(&state.loading[at].handle) else {
-                // Somebody has removed the asset: it is asked for again.
-                state.loading.swap_remove(at);
-                self.must_plan = true;
+            let Some(arrival) = state.loading[at].arrival.take() else {
+                return;
+            };
+            let Some(content) = state.finish_arrival(address, arrival, edits.log()) else {
+                // Edits were taken back in the meantime: it arrives once more.
                 continue;
             };
             let instance = state.instance();
             let page = || self.pool.take(instance);
             let Some(page) = state.residency.activate(address, rank, page) else {
                 // No page is free.
+                state.loading[at].arrival = Some(state.kept(content, edits.log()));
                 return;
             };
-            let tile = tile.clone();
             let Loading { handle, .. } = state.loading.swap_remove(at);
             self.cache.forget(handle.id());
-            state.spawn_tile(entity, page, address, handle, tile, &mut outside.commands);
+            state.spawn_tile(
+                entity,
+                page,
+                address,
+                handle,
+                content,
+                &mut outside.commands,
+            );
         }
     }
 
@@ -343,7 +369,10 @@ impl TerrainStreamer {
     /// Asks for the best tiles that aren't there, and drops what memory doesn't hold.
     fn request(&mut self, terrains: &mut Terrains, outside: &Outside) {
         let loads = terrains.iter().map(|(_, state, ..)| {
-            let busy = state.loading.iter().filter(|loading| !loading.is_ready);
+            let busy = state
+                .loading
+                .iter()
+                .filter(|loading| loading.arrival.is_none());
             [busy.count() + state.refreshing.len(), state.loading.len()]
         });
         let [mut busy, mut loading] = loads.fold([0, 0], |[a, b], [busy, all]| [a + busy, b + all]);
@@ -357,7 +386,8 @@ impl TerrainStreamer {
             let rank = self.cursor as u32;
             self.cursor += 1;
             let entity = self.order.get(ranked.terrain as usize);
-            let Some(Ok((_, mut state, _, next))) = entity.map(|&entity| terrains.get_mut(entity))
+            let Some(Ok((_, mut state, _, next, _))) =
+                entity.map(|&entity| terrains.get_mut(entity))
             else {
                 continue;
             };
@@ -387,14 +417,14 @@ impl Outside<'_, '_> {
             let Some(tile) = self.tiles.get(*id) else {
                 continue;
             };
-            for (entity, mut state, _, mut next) in &mut *terrains {
+            for (entity, mut state, _, mut next, edits) in &mut *terrains {
                 let state = heir(&mut state, next.as_deref_mut());
-                state.tile_changed(entity, *id, tile, &mut self.commands);
+                state.tile_changed(entity, *id, tile, edits.log(), &mut self.commands);
             }
         }
         for failure in self.failures.read() {
             let path = failure.path.to_string();
-            for (entity, mut state, _, mut next) in &mut *terrains {
+            for (entity, mut state, _, mut next, _) in &mut *terrains {
                 let state = heir(&mut state, next.as_deref_mut());
                 if state.is_holding(failure.id) {
                     let reason = reason_of(&failure.error, &path);
@@ -514,7 +544,7 @@ impl TerrainState {
         // Loads that are no longer wanted are cancelled by dropping their handles.
         self.loading.retain(|loading| {
             let keeps = loading.rank != UNWANTED;
-            if !keeps && loading.is_ready {
+            if !keeps && loading.arrival.is_some() {
                 cache.keep(loading.handle.clone());
             }
             keeps
@@ -522,12 +552,19 @@ impl TerrainState {
     }
 
     /// Sees which tiles have loaded, and which never will.
-    fn poll_loads(&mut self, entity: Entity, settings: &TerrainStreaming, outside: &mut Outside) {
+    fn poll_loads(
+        &mut self,
+        entity: Entity,
+        log: Option<&EditLog>,
+        settings: &TerrainStreaming,
+        outside: &mut Outside,
+    ) {
         let now_s = outside.time.elapsed_secs_f64();
         let mut at = 0;
         while at < self.loading.len() {
             let loading = &mut self.loading[at];
-            if loading.is_ready {
+            if let Some(arrival) = &mut loading.arrival {
+                arrival.poll();
                 at += 1;
                 continue;
             }
@@ -538,7 +575,8 @@ impl TerrainState {
                 Some(_) if loading.is_stale && !late => None,
                 Some(tile) => match tile.check(&self.manifest, address) {
                     Ok(()) => {
-                        loading.is_ready = true;
+                        let arrival = self.arrive(address, tile, log);
+                        self.loading[at].arrival = Some(arrival);
                         None
                     }
                     // Another terrain lay here before, whose tile is still in memory.
@@ -663,7 +701,7 @@ impl TerrainState {
             .map(|at| (at, &self.loading[at]))
             .filter(|(_, loading)| {
                 let address = loading.address;
-                loading.is_ready
+                loading.is_ready()
                     && (address == root || self.residency.is_readable(address.parent()))
             })
             .map(|(at, loading)| (at, loading.rank))
@@ -676,15 +714,17 @@ impl TerrainState {
         page: u32,
         address: TileAddress,
         handle: Handle<TerrainTile>,
-        data: TerrainTile,
+        mut data: TileContent,
         commands: &mut Commands,
     ) {
+        self.snapshot_long(&mut data);
         if self.failed.remove(&address).is_some() {
             self.failures_version += 1;
             info!("tile {address} of terrain {terrain} can be read now");
         }
         let tile = commands.spawn_empty().id();
         self.set_slot(page, Slot::new(tile, handle.clone(), data));
+        self.tile_replaced(address, commands);
         let bounds = self.bounds(address);
         let is_root = address == self.root();
         commands.queue(move |world: &mut World| {
@@ -737,14 +777,20 @@ impl TerrainState {
             rank,
             handle,
             since_s: now_s,
-            is_ready: false,
+            arrival: None,
             is_stale,
         });
         true
     }
 
     /// Brings the state's figures up to date at the end of a frame.
-    fn finish(&mut self, is_requested: bool, now_s: f64, settings: &TerrainStreaming) {
+    fn finish(
+        &mut self,
+        is_requested: bool,
+        now_s: f64,
+        settings: &TerrainStreaming,
+        commands: &mut Commands,
+    ) {
         self.is_requested = is_requested;
         if !self.refreshing.is_empty() {
             // What has gone in the meantime doesn't come back changed, and a source that never answers
@@ -771,9 +817,8 @@ impl TerrainState {
             || self.has_complaints
             || !self.to_refresh.is_empty()
             || !self.refreshing.is_empty();
-        if !is_mixed && !Arc::ptr_eq(&self.bounds, &self.manifest) {
-            self.bounds = Arc::clone(&self.manifest);
-            self.bounds_version += 1;
+        if !is_mixed && std::mem::take(&mut self.has_wide_bounds) {
+            self.reset_bounds(commands);
         }
         let short = self.eyes.iter().map(|eye| {
             let resident = &self.residency.resident;

@@ -1,6 +1,7 @@
 //! The terrain's component and its settings.
 
 use super::TerrainManifest;
+use crate::edit::TerrainEdits;
 use crate::stream::TerrainTiles;
 use bevy::prelude::*;
 use thiserror::Error;
@@ -24,7 +25,7 @@ use thiserror::Error;
 /// [`TerrainState`]: crate::stream::TerrainState
 #[derive(Component, Clone, Debug, Default, PartialEq, Eq, Reflect)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
-#[require(Transform, TerrainSettings, TerrainTiles)]
+#[require(Transform, TerrainEdits, TerrainSettings, TerrainTiles)]
 #[cfg_attr(feature = "render", require(Visibility))]
 pub struct Terrain {
     /// The manifest, `terrain.ron` in a baked terrain's folder. The tiles are loaded from beside

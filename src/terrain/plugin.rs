@@ -2,6 +2,7 @@
 
 use super::{Terrain, TerrainCamera, TerrainManifest, TerrainManifestLoader, TerrainSettings};
 use crate::detail::TerrainDetail;
+use crate::edit;
 use crate::stream::{
     self, TerrainPin, TerrainPinProgress, TerrainStreamer, TerrainStreaming, TerrainTiles,
     TileBounds, TileData, TileOf, TilePage,
@@ -38,7 +39,8 @@ pub struct TerrainPlugin;
 
 impl Plugin for TerrainPlugin {
     fn build(&self, app: &mut App) {
-        app.init_asset::<TerrainManifest>()
+        app.add_plugins(edit::EditPlugin)
+            .init_asset::<TerrainManifest>()
             .init_asset::<TerrainTile>()
             .init_asset_loader::<TerrainManifestLoader>()
             .init_asset_loader::<TerrainTileLoader>()
@@ -75,6 +77,7 @@ impl Plugin for TerrainPlugin {
                         stream::follow_manifests,
                         stream::start_terrains,
                         stream::replace_terrains,
+                        edit::start_logs,
                         // What has only just started is followed in the next frame.
                         stream::update_detail,
                     )
@@ -85,6 +88,7 @@ impl Plugin for TerrainPlugin {
                         stream::collect_pins,
                         stream::stream_tiles,
                         stream::count_pins,
+                        edit::mask::draw_masks,
                     )
                         .chain()
                         .in_set(TerrainSystems::Stream),

@@ -277,12 +277,38 @@ pub(crate) fn update_views(
                     let motion = motion.after(moved_m, time.delta_secs_f64(), tile_m);
                     view.velocity_m_s = motion.smooth_m_s;
                     view.last_velocity_m_s = motion.last_m_s;
+                    let unit_m = view.lattice.unit_m(state.manifest().file.spacing_m);
+                    let dt_s = time.delta_secs_f64();
+                    view.lod.floor = followed_floor(before, &view, unit_m, dt_s);
                 }
                 Some(view)
             });
             views.views.extend(view);
         }
     }
+}
+
+/// How fast the distance to the nearest ground may change in a view besides what the eye's own motion
+/// does to it, in sides of the finest nodes a second: a crater that opens below a hovering eye must
+/// not change the level of detail from one frame to the next.
+const FLOOR_NODES_PER_S: f64 = 0.25;
+
+/// The floor of a view's distances that follows on that of the frame before.
+fn followed_floor(before: &TerrainView, view: &TerrainView, unit_m: f64, dt_s: f64) -> i32 {
+    let (old, new) = (&before.lod, &view.lod);
+    if !new.planar || !old.planar || before.lattice != view.lattice {
+        return new.floor;
+    }
+    let node = f64::from(view.lattice.node_size(view.lattice.leaf_level));
+    let eye = |view: &TerrainView| view.lod.eye.as_dvec2() + view.eye_fraction.as_dvec2();
+    let moved = (eye(view) - eye(before)).abs().max_element();
+    let height_m = f64::from((view.eye_height_m - before.eye_height_m).abs());
+    // Two for the rounding of both distances.
+    let most = moved.max(height_m / unit_m) + node * FLOOR_NODES_PER_S * dt_s + 2.0;
+    let change = f64::from(new.floor) - f64::from(old.floor);
+    #[expect(clippy::cast_possible_truncation, reason = "between two i32")]
+    let floor = (f64::from(old.floor) + change.clamp(-most, most)).round() as i32;
+    floor
 }
 
 fn view_of(
@@ -298,7 +324,7 @@ fn view_of(
         return None;
     }
     let lattice = state.lattice();
-    let manifest = state.manifest();
+    let manifest = state.ground_bounds();
     let spacing_m = manifest.file.spacing_m;
     let (eye, eye_fraction) = lattice.lattice_from_local(eye_m.xz(), spacing_m);
     let ground = GroundQuery { lattice, manifest };
@@ -361,6 +387,97 @@ mod tests {
         assert_eq!(fast.smooth_m_s, DVec3::ZERO);
         let fast = fast.after(100.0 * step, frame_s, 128.0);
         assert!((fast.smooth_m_s.x - 30_000.0).abs() < 1.0, "{fast:?}");
+    }
+
+    /// A view from `eye` in the plane and from `height_m`, `floor_m` above the ground, a metre a
+    /// sample.
+    fn view_from(eye: IVec2, height_m: f32, floor_m: f64) -> TerrainView {
+        let lattice = Lattice::new([4097; 2], 6, 0, 8).expect("it fits");
+        let units = |metres: f64| (metres / lattice.unit_m(1.0)) as i32;
+        let samples = 1 << lattice.unit_log2;
+        let settings = crate::lattice::LodSettings::default();
+        let lod = ViewLod::new(&lattice, &settings, eye * samples, units(floor_m), true);
+        TerrainView {
+            terrain: Entity::PLACEHOLDER,
+            lattice,
+            lod: lod.expect("good settings"),
+            eye_fraction: Vec2::ZERO,
+            eye_height_m: height_m,
+            eye_m: eye.as_dvec2().extend(height_m.into()).xzy(),
+            local_from_world: DAffine3::IDENTITY,
+            world_from_local: DAffine3::IDENTITY,
+            scale: 1.0,
+            velocity_m_s: DVec3::ZERO,
+            last_velocity_m_s: DVec3::ZERO,
+            focal_px: 1000.0,
+            px_per_m: 0.0,
+        }
+    }
+
+    #[test]
+    fn ground_that_jumps_changes_a_hovering_eyes_level_of_detail_little_by_little() {
+        let dt_s = 1.0 / 60.0;
+        let unit_m = view_from(IVec2::ZERO, 0.0, 0.0).lattice.unit_m(1.0);
+        let here = IVec2::splat(700);
+        let most_m = f64::from(TILE_SAMPLES) * FLOOR_NODES_PER_S * dt_s + 3.0 * unit_m;
+        for (old_m, new_m) in [
+            (20.0_f64, 320.0_f64),
+            (320.0, 20.0),
+            (20.0, 20.2),
+            (0.0, 90.0),
+        ] {
+            let mut before = view_from(here, 150.0, old_m);
+            let new = view_from(here, 150.0, new_m);
+            let mut frames = 0;
+            while before.lod.floor != new.lod.floor {
+                let floor = followed_floor(&before, &new, unit_m, dt_s);
+                let change_m = f64::from(floor - before.lod.floor) * unit_m;
+                assert!(change_m.abs() <= most_m, "{change_m} m in a frame");
+                assert_eq!(change_m > 0.0, new_m > old_m, "it goes one way");
+                before.lod.floor = floor;
+                frames += 1;
+            }
+            let rate_m_s = f64::from(TILE_SAMPLES) * FLOOR_NODES_PER_S;
+            let wanted = ((new_m - old_m).abs() / (rate_m_s * dt_s)).ceil();
+            assert!(f64::from(frames) <= wanted, "{frames} frames, not {wanted}");
+            // Nothing moves where no time passes.
+            let paused = view_from(here, 150.0, old_m);
+            let floor = followed_floor(&paused, &new, unit_m, 0.0);
+            assert!((floor - paused.lod.floor).abs() <= 2);
+        }
+    }
+
+    #[test]
+    fn an_eye_that_flies_or_jumps_has_the_level_of_detail_of_where_it_is() {
+        let dt_s = 1.0 / 60.0;
+        let unit_m = view_from(IVec2::ZERO, 0.0, 0.0).lattice.unit_m(1.0);
+        let here = IVec2::splat(700);
+        let before = view_from(here, 150.0, 50.0);
+        // The distance to the ground changes no faster than the eye moves: up, down, on, and far.
+        for now in [
+            view_from(here, 190.0, 90.0),
+            view_from(here, 101.0, 1.0),
+            view_from(here + IVec2::new(40, 3), 150.0, 12.0),
+            view_from(here + IVec2::new(-30, 9), 170.0, 80.0),
+            view_from(IVec2::new(3900, 20), 2500.0, 2400.0),
+            view_from(IVec2::new(3900, 20), 150.0, 1.0),
+        ] {
+            let floor = followed_floor(&before, &now, unit_m, dt_s);
+            assert_eq!(floor, now.lod.floor, "{now:?}");
+        }
+        // Nor is what isn't the same grid, or no distance.
+        let mut other = view_from(here, 150.0, 400.0);
+        other.lod.planar = false;
+        assert_eq!(
+            followed_floor(&before, &other, unit_m, dt_s),
+            other.lod.floor
+        );
+        let mut other = view_from(here, 150.0, 400.0);
+        other.lattice = Lattice::new([4097; 2], 6, 0, 4).expect("it fits");
+        assert_eq!(
+            followed_floor(&before, &other, unit_m, dt_s),
+            other.lod.floor
+        );
     }
 
     #[test]
