@@ -5,10 +5,13 @@ mod common;
 
 use bevy::prelude::*;
 use bevy::shader::{Shader, ShaderDefVal, Source};
+use bevy_tessera::edit::mask::{
+    MASK_LAYER_SHIFT, MASK_MIPS, MASK_PAGE_BYTES, MASK_PAGE_TEXELS, MASK_SLOT_WORDS,
+};
 use bevy_tessera::render::{
     DEFAULT_MATERIAL_WGSL, GpuDensityJob, GpuDensityKernel, GpuDensityLevel, GpuTerrainCounters,
     GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
-    compose_material,
+    MASK_HEADER_WORDS, compose_material,
 };
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga_oil::compose::{
@@ -362,7 +365,7 @@ layout_test!(
         spacing_m,
         root_level,
         density_opacity,
-        unused,
+        mask_first,
         tiles,
     ]
 );
@@ -415,23 +418,39 @@ layout_test!(
     [page, level, tile]
 );
 
-/// The counters are an array in WGSL; its constants say what stands where.
-#[test]
-fn the_counters_have_one_layout() {
-    let types = &sources()
+/// The value of a constant of `types.wgsl`.
+fn wgsl_constant(name: &str) -> usize {
+    let (_, types) = sources()
         .0
         .iter()
         .find(|(_, source)| source.contains("#define_import_path bevy_tessera::types"))
-        .unwrap()
-        .1;
-    let constant = |name: &str| -> usize {
-        let line = types
-            .lines()
-            .find(|line| line.starts_with(&format!("const {name}: u32 = ")))
-            .unwrap_or_else(|| panic!("{name}"));
-        let number = line.split(" = ").nth(1).unwrap().trim_end_matches("u;");
-        number.parse().unwrap()
-    };
+        .unwrap();
+    let line = types
+        .lines()
+        .find(|line| line.starts_with(&format!("const {name}: u32 = ")))
+        .unwrap_or_else(|| panic!("{name}"));
+    let number = line.split(" = ").nth(1).unwrap().trim_end_matches("u;");
+    number.parse().unwrap()
+}
+
+/// The mask is an array of words in WGSL; its constants say what stands where.
+#[test]
+fn the_mask_has_one_layout() {
+    for (name, value) in [
+        ("MASK_HEADER_WORDS", MASK_HEADER_WORDS as usize),
+        ("MASK_SLOT_WORDS", MASK_SLOT_WORDS),
+        ("MASK_PAGE_WORDS", MASK_PAGE_BYTES / 4),
+        ("MASK_LAYER_SHIFT", MASK_LAYER_SHIFT as usize),
+        ("MASK_PAGE_SHIFT", MASK_PAGE_TEXELS.ilog2() as usize),
+        ("MASK_MIPS", MASK_MIPS),
+    ] {
+        assert_eq!(wgsl_constant(name), value, "{name}");
+    }
+}
+
+/// The counters are an array in WGSL; its constants say what stands where.
+#[test]
+fn the_counters_have_one_layout() {
     for (name, offset) in [
         ("COUNTER_FACES", offset_of!(GpuTerrainCounters, faces)),
         (
@@ -450,6 +469,6 @@ fn the_counters_have_one_layout() {
         ),
         ("COUNTERS", size_of::<GpuTerrainCounters>()),
     ] {
-        assert_eq!(4 * constant(name), offset, "{name}");
+        assert_eq!(4 * wgsl_constant(name), offset, "{name}");
     }
 }

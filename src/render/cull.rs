@@ -74,42 +74,53 @@ impl TileHeightBounds {
     #[must_use]
     pub fn new(manifest: &TerrainManifest) -> Self {
         let file = &manifest.file;
-        let root = file.levels.saturating_sub(1);
-        let own = |mut address: TileAddress| loop {
-            // What isn't stored is drawn from its ancestor.
-            if let Some(range) = manifest.index.get(address) {
-                return range;
-            }
-            if address.level >= root {
-                return TileRange {
-                    min: 0,
-                    max: u16::MAX,
-                };
-            }
-            address = address.parent();
-        };
         let levels = (0..file.levels)
             .map(|level| {
-                let tiles = file.tiles(level);
-                let [across, down] = tiles;
-                let around =
-                    |place: u32, count: u32| place.saturating_sub(1)..(place + 2).min(count);
+                let [across, down] = file.tiles(level);
                 let heights_m = (0..down)
-                    .flat_map(|z| (0..across).map(move |x| (x, z)))
-                    .map(|(x, z)| {
-                        let mut range = own(TileAddress::new(level, x, z));
-                        for near_z in around(z, down) {
-                            for near_x in around(x, across) {
-                                range = range.union(own(TileAddress::new(level, near_x, near_z)));
-                            }
-                        }
-                        [range.min, range.max].map(|height| file.height_m(height) as f32)
-                    })
+                    .flat_map(|z| (0..across).map(move |x| TileAddress::new(level, x, z)))
+                    .map(|address| heights_around(manifest, address))
                     .collect();
-                LevelBounds { tiles, heights_m }
+                LevelBounds {
+                    tiles: [across, down],
+                    heights_m,
+                }
             })
             .collect();
         Self { levels }
+    }
+
+    /// Follows the change of a tile's range: of the tile itself, of those around it, and of those
+    /// below that aren't stored.
+    pub fn update(&mut self, manifest: &TerrainManifest, address: TileAddress) {
+        let mut changed = Some((address, address));
+        while let Some((low, high)) = changed.take() {
+            let level = low.level;
+            let Some(bounds) = self.levels.get_mut(usize::from(level)) else {
+                return;
+            };
+            let [across, down] = bounds.tiles;
+            for z in low.z.saturating_sub(1)..(high.z + 2).min(down) {
+                for x in low.x.saturating_sub(1)..(high.x + 2).min(across) {
+                    let heights_m = heights_around(manifest, TileAddress::new(level, x, z));
+                    bounds.heights_m[(z * across + x) as usize] = heights_m;
+                }
+            }
+            let Some(finer) = level.checked_sub(1) else {
+                return;
+            };
+            let [across, down] = self.levels[usize::from(finer)].tiles;
+            let low = TileAddress::new(finer, 2 * low.x, 2 * low.z);
+            let high = TileAddress::new(
+                finer,
+                (2 * high.x + 1).min(across - 1),
+                (2 * high.z + 1).min(down - 1),
+            );
+            let all_stored = (low.z..=high.z)
+                .flat_map(|z| (low.x..=high.x).map(move |x| TileAddress::new(finer, x, z)))
+                .all(|tile| manifest.index.get(tile).is_some());
+            changed = (!all_stored).then_some((low, high));
+        }
     }
 
     fn get(&self, level: usize, tile: IVec2) -> [f32; 2] {
@@ -119,6 +130,34 @@ impl TileHeightBounds {
         let z = tile.y.cast_unsigned().min(down - 1);
         level.heights_m[(z * across + x) as usize]
     }
+}
+
+/// The range of a tile and those around it, in metres.
+fn heights_around(manifest: &TerrainManifest, address: TileAddress) -> [f32; 2] {
+    let file = &manifest.file;
+    let root = file.levels.saturating_sub(1);
+    let own = |mut address: TileAddress| loop {
+        // What isn't stored is drawn from its ancestor.
+        if let Some(range) = manifest.index.get(address) {
+            return range;
+        }
+        if address.level >= root {
+            return TileRange {
+                min: 0,
+                max: u16::MAX,
+            };
+        }
+        address = address.parent();
+    };
+    let [across, down] = file.tiles(address.level);
+    let around = |place: u32, count: u32| place.saturating_sub(1)..(place + 2).min(count);
+    let mut range = own(address);
+    for z in around(address.z, down) {
+        for x in around(address.x, across) {
+            range = range.union(own(TileAddress::new(address.level, x, z)));
+        }
+    }
+    [range.min, range.max].map(|height| file.height_m(height) as f32)
 }
 
 /// The box, in metres, that holds every point that can be drawn of a node in this frame.
@@ -244,19 +283,97 @@ pub(super) fn cull_nodes(
                     push(frustum, None);
                 }
             }
-            let (manifest, version) = state.drawn_bounds();
-            let wanted = [state.instance(), version];
-            let tile_bounds = match bounds.get(&view.terrain) {
-                Some((of, tile_bounds)) if *of == wanted => tile_bounds,
-                _ => {
+            let manifest = state.ground_bounds();
+            let wanted = [state.instance(), state.bounds_version()];
+            let known = bounds.get(&view.terrain).map(|(of, _)| *of);
+            let known = known.filter(|of| of[0] == wanted[0]).map_or(0, |of| of[1]);
+            if known != wanted[1] {
+                let changes = state.bounds_changes(known);
+                let entry = bounds.get_mut(&view.terrain);
+                if let (Some(changes), Some((of, tile_bounds))) = (changes, entry) {
+                    let changed = changes.flatten();
+                    for address in changed.filter_map(|index| state.pages().address_at(index)) {
+                        tile_bounds.update(manifest, address);
+                    }
+                    *of = wanted;
+                } else {
                     let fresh = TileHeightBounds::new(manifest);
                     bounds.insert(view.terrain, (wanted, fresh));
-                    &bounds[&view.terrain].1
                 }
-            };
+            }
+            let tile_bounds = &bounds[&view.terrain].1;
             select_seen(state, tile_bounds, &view.lod, volumes, nodes);
             let boxes = NodeBox::new(state, tile_bounds);
             heights_m.extend(nodes.iter().map(|node| boxes.heights_m(node)));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::terrain::{DensitySettings, MANIFEST_MAGIC, MANIFEST_VERSION, ManifestFile};
+    use crate::tile::TileIndex;
+    use proptest::prelude::*;
+
+    /// A terrain of 11 by 6 tiles, of which every tile is stored that `is_stored`, and its parent.
+    fn manifest(is_stored: &dyn Fn(TileAddress) -> bool) -> TerrainManifest {
+        let size = [1400, 700];
+        let file = ManifestFile {
+            format: MANIFEST_MAGIC.to_owned(),
+            version: MANIFEST_VERSION,
+            size,
+            spacing_m: 1.0,
+            height_min_m: -100.0,
+            height_step_m: 0.01,
+            levels: ManifestFile::levels_for(size),
+            density: DensitySettings::default(),
+            index_crc32: 0,
+        };
+        let mut index = TileIndex::new(&file);
+        for level in (0..file.levels).rev() {
+            let [across, down] = file.tiles(level);
+            for (x, z) in (0..down).flat_map(|z| (0..across).map(move |x| (x, z))) {
+                let address = TileAddress::new(level, x, z);
+                let is_root = level + 1 == file.levels;
+                let has_parent = is_root || index.get(address.parent()).is_some();
+                if is_root || has_parent && is_stored(address) {
+                    let min = (20_000 + 100 * x + 30 * z) as u16;
+                    let max = min + 500;
+                    index.set(address, Some(TileRange { min, max }));
+                }
+            }
+        }
+        TerrainManifest { file, index }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn bounds_that_follow_changes_are_those_made_anew(
+            holes in prop::collection::vec((0..4_u8, 0..11_u32, 0..6_u32), 0..12),
+            changes in prop::collection::vec(
+                (any::<prop::sample::Index>(), any::<u16>(), any::<u16>()),
+                1..40,
+            ),
+        ) {
+            let is_stored = |address: TileAddress| {
+                !holes.contains(&(address.level, address.x, address.z))
+            };
+            let mut manifest = manifest(&is_stored);
+            let mut followed = TileHeightBounds::new(&manifest);
+            let stored: Vec<_> = manifest.index.iter().map(|(address, _)| address).collect();
+            for (which, a, b) in changes {
+                let address = *which.get(&stored);
+                let range = TileRange { min: a.min(b), max: a.max(b) };
+                manifest.index.set(address, Some(range));
+                followed.update(&manifest, address);
+                let anew = TileHeightBounds::new(&manifest);
+                for (level, (is, wanted)) in followed.levels.iter().zip(&anew.levels).enumerate() {
+                    prop_assert_eq!(&is.heights_m, &wanted.heights_m, "level {}", level);
+                }
+            }
         }
     }
 }

@@ -3,9 +3,12 @@
 use super::TerrainMaterial;
 use super::cull::{NodeCulling, TerrainNodes};
 use super::gpu_types::{GpuTerrainDraw, GpuTerrainNode, GpuTerrainView};
+use super::mask::{KnownMask, MaskChange};
 use super::material::ComposedMaterials;
+use super::page_part::PagePart;
 use super::statistics::TerrainStatistics;
 use crate::detail::DetailKernel;
+use crate::edit::mask::TerrainMask;
 use crate::stream::{TerrainState, TerrainStreamer};
 use crate::terrain::{TerrainCamera, TessellationPolicy};
 use crate::tessellate::{FactorView, Partitioning};
@@ -21,11 +24,16 @@ use bevy::shader::Shader;
 use bytemuck::Zeroable;
 use std::ops::Range;
 
-/// A tile whose page has to be written.
+/// A tile whose page has to be written, whole or in part.
 pub(super) struct PageUpload {
     pub(super) page: u32,
     pub(super) address: TileAddress,
-    pub(super) tile: TerrainTile,
+    pub(super) data: PageData,
+}
+
+pub(super) enum PageData {
+    Whole(TerrainTile),
+    Part(PagePart),
 }
 
 /// A run of a table's entries.
@@ -64,6 +72,7 @@ pub(super) struct ExtractedTerrain {
     /// What has changed of the tables.
     pub(super) page_table: Vec<TableChange>,
     pub(super) field: Vec<TableChange>,
+    pub(super) mask: MaskChange,
     pub(super) shader: Option<Handle<Shader>>,
     pub(super) parameters: [Vec4; 8],
     pub(super) detail: DetailKernel,
@@ -129,12 +138,20 @@ struct Uploaded {
     instance: Option<u64>,
     pages_version: u64,
     field_version: u64,
+    mask: KnownMask,
     world_from_local: Option<DAffine3>,
 }
 
 #[expect(clippy::type_complexity, reason = "parameters of a Bevy system")]
 pub(super) fn extract_terrains(
-    terrains: Extract<Query<(Entity, &TerrainState, Option<&TerrainMaterial>)>>,
+    terrains: Extract<
+        Query<(
+            Entity,
+            &TerrainState,
+            Option<&TerrainMaterial>,
+            Option<&TerrainMask>,
+        )>,
+    >,
     streamer: Extract<Res<TerrainStreamer>>,
     cameras: Extract<
         Query<(
@@ -168,9 +185,10 @@ pub(super) fn extract_terrains(
     } = &mut *uploaded;
     uploaded.retain(|terrain, _| terrains.contains(*terrain));
 
-    for (entity, state, material) in &terrains {
+    for (entity, state, material, mask) in &terrains {
         let known = uploaded.entry(entity).or_default();
-        if known.instance != Some(state.instance()) {
+        let is_new = known.instance != Some(state.instance());
+        if is_new {
             *known = Uploaded {
                 instance: Some(state.instance()),
                 world_from_local: known.world_from_local,
@@ -196,11 +214,18 @@ pub(super) fn extract_terrains(
             if *written == content {
                 continue;
             }
+            // Only what has changed, where the page holds what this tile was before.
+            let before = written
+                .filter(|before| before.terrain == entity && before.address == address)
+                .and_then(|before| state.dirt_since(page, before.content));
             *written = content;
             uploads.push(PageUpload {
                 page,
                 address,
-                tile: tile.clone(),
+                data: before.map_or_else(
+                    || PageData::Whole(tile.clone()),
+                    |dirt| PageData::Part(PagePart::new(tile, &dirt)),
+                ),
             });
         }
         let mut page_table = Vec::new();
@@ -229,6 +254,7 @@ pub(super) fn extract_terrains(
                 uploads,
                 page_table,
                 field,
+                mask: MaskChange::since(mask, &mut known.mask, is_new),
                 shader: materials.shader(material),
                 parameters: material.parameters,
                 detail: *state.detail(),

@@ -173,8 +173,8 @@ pub struct GpuTerrainDraw {
     pub root_level: i32,
     /// How much of the ground's colour the preview of densities takes.
     pub density_opacity: f32,
-    /// Padding.
-    pub unused: u32,
+    /// Where the destruction mask begins in the terrain's tables, words; 0 while there is none.
+    pub mask_first: u32,
     /// Per tile level: first entry in the page table, tiles in x and z.
     pub tiles: [[u32; 4]; MAX_LEVELS],
 }

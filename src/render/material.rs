@@ -27,7 +27,8 @@ const DEFAULT_PATH: &str = "bevy_tessera/default_material.wgsl";
 /// }
 /// ```
 ///
-/// It receives position, height, slope and normal of the ground, and returns Bevy's PBR input;
+/// It receives position, height, slope and normal of the ground, may ask how scorched the ground is
+/// (`bevy_tessera::destruction::surface_scorch(surface)`, 0 to 1), and returns Bevy's PBR input;
 /// lighting, shadows, fog, the prepasses and the deferred G-buffer follow from that. The entry
 /// points of all passes are appended to the module, so it must define neither entry points nor
 /// names that begin with `terrain_` or `Terrain` but `terrain_material`. It may bind nothing of its
@@ -41,7 +42,8 @@ pub struct TerrainMaterial {
     pub shader: Option<Handle<Shader>>,
     /// What `material_parameters` holds. The default material reads linear colours of gentle
     /// ground from `[0]` and of rock from `[1]`, and the two slopes (0 level, 1 vertical) between
-    /// which one turns into the other from `[2]`.
+    /// which one turns into the other from `[2]`; the colour of scorched earth from `[3]`, and how much
+    /// of it is seen, 0 to 1, from its fourth component.
     pub parameters: [Vec4; 8],
 }
 
@@ -51,6 +53,7 @@ impl Default for TerrainMaterial {
         parameters[0] = Vec4::new(0.105, 0.125, 0.065, 1.0);
         parameters[1] = Vec4::new(0.16, 0.15, 0.135, 1.0);
         parameters[2] = Vec4::new(0.08, 0.25, 0.0, 0.0);
+        parameters[3] = Vec4::new(0.016, 0.0135, 0.012, 1.0);
         Self {
             shader: None,
             parameters,

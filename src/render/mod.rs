@@ -15,7 +15,9 @@ mod density;
 mod draw;
 mod extract;
 mod gpu_types;
+mod mask;
 mod material;
+mod page_part;
 mod pages;
 mod passes;
 mod pipelines;
@@ -30,11 +32,13 @@ pub use gpu_types::{
     GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
     MAX_VOLUMES,
 };
+pub use mask::MASK_HEADER_WORDS;
 pub use material::{DEFAULT_MATERIAL_WGSL, TerrainMaterial, compose_material};
-pub use pages::tile_gradients;
+pub use pages::{GpuTerrainPages, tile_gradients};
 pub use prepare::{GpuTerrainMesh, GpuTerrainMeshes};
 pub use statistics::{TerrainDiagnostics, TerrainStatistics, TerrainViewStatistics};
 
+use crate::edit::mask::MaskSettings;
 use crate::terrain::{TerrainCamera, TerrainSystems};
 use bevy::asset::embedded_asset;
 use bevy::camera::visibility::VisibilitySystems;
@@ -128,6 +132,7 @@ impl Plugin for TerrainRenderPlugin {
         load_shader_library!(app, "shaders/face.wgsl");
         load_shader_library!(app, "shaders/scan.wgsl");
         load_shader_library!(app, "shaders/surface.wgsl");
+        load_shader_library!(app, "shaders/destruction.wgsl");
         load_shader_library!(app, "shaders/vertex_io.wgsl");
         load_shader_library!(app, "shaders/curvature.wgsl");
         load_shader_library!(app, "shaders/density_preview.wgsl");
@@ -150,6 +155,13 @@ impl Plugin for TerrainRenderPlugin {
                     .after(VisibilitySystems::UpdateFrusta)
                     .after(VisibilitySystems::VisibilityPropagate)
                     .after(SimulationLightSystems::UpdateLightFrusta),
+            )
+            .register_type::<MaskSettings>()
+            .add_systems(
+                PostUpdate,
+                mask::add_masks
+                    .after(TerrainSystems::Load)
+                    .before(TerrainSystems::View),
             )
             .add_systems(
                 PostUpdate,

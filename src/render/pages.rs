@@ -1,6 +1,7 @@
 //! The pages of all terrains on the GPU.
 
-use super::extract::PageUpload;
+use super::extract::{PageData, PageUpload};
+use super::page_part::Texels;
 use crate::tile::{DENSITY_TEXELS, HeightTile, TILE_STORED};
 use bevy::prelude::*;
 use bevy::render::render_resource::{
@@ -83,15 +84,29 @@ impl Atlas {
     }
 
     fn write(&self, queue: &RenderQueue, page: u32, bytes: &[u8]) {
+        self.write_part(queue, page, [0; 2], [self.side; 2], bytes);
+    }
+
+    /// Writes the `size` texels of a page that begin at `first`, of which `bytes` has the rows.
+    fn write_part(
+        &self,
+        queue: &RenderQueue,
+        page: u32,
+        first: [u32; 2],
+        size: [u32; 2],
+        bytes: &[u8],
+    ) {
+        if size.contains(&0) {
+            return;
+        }
         let place = page % PAGES_A_LAYER;
-        let side = self.side;
         queue.write_texture(
             TexelCopyTextureInfo {
                 texture: &self.texture,
                 mip_level: 0,
                 origin: Origin3d {
-                    x: place % PAGES_ACROSS * side,
-                    y: place / PAGES_ACROSS * side,
+                    x: place % PAGES_ACROSS * self.side + first[0],
+                    y: place / PAGES_ACROSS * self.side + first[1],
                     z: page / PAGES_A_LAYER,
                 },
                 aspect: TextureAspect::All,
@@ -99,21 +114,21 @@ impl Atlas {
             bytes,
             TexelCopyBufferLayout {
                 offset: 0,
-                bytes_per_row: Some((bytes.len() / side as usize) as u32),
-                rows_per_image: Some(side),
+                bytes_per_row: Some((bytes.len() / size[1] as usize) as u32),
+                rows_per_image: Some(size[1]),
             },
             Extent3d {
-                width: side,
-                height: side,
+                width: size[0],
+                height: size[1],
                 depth_or_array_layers: 1,
             },
         );
     }
 }
 
-/// What the tiles hold that are resident, by page; shared by all terrains.
+/// What the tiles hold that are resident, by page; shared by all terrains. In the render world.
 #[derive(Resource)]
-pub(super) struct GpuTerrainPages {
+pub struct GpuTerrainPages {
     layers: u32,
     pub(super) heights: Atlas,
     pub(super) gradients: Atlas,
@@ -151,6 +166,26 @@ impl FromWorld for GpuTerrainPages {
 }
 
 impl GpuTerrainPages {
+    /// The textures of heights, gradients, densities and error bounds; they may be others in the next
+    /// frame. Page `p` lies in layer `p / 64`, as the square in column `p % 8` and row `p % 64 / 8`,
+    /// whose sides are 133, 133, 32 and 32 texels.
+    #[must_use]
+    pub const fn textures(&self) -> [&Texture; 4] {
+        let Self {
+            heights,
+            gradients,
+            densities,
+            errors,
+            ..
+        } = self;
+        [
+            &heights.texture,
+            &gradients.texture,
+            &densities.texture,
+            &errors.texture,
+        ]
+    }
+
     /// Grows the textures to hold so many pages, by half of what there is at least, and lets them
     /// shrink to fit where they are more than four times too large. What they hold stays.
     pub(super) fn make_room(&mut self, pages: u32, device: &RenderDevice, queue: &RenderQueue) {
@@ -182,7 +217,8 @@ impl GpuTerrainPages {
         self.generation += 1;
     }
 
-    /// Writes all of a tile's data to its page. Pages that there are no layers for stay unwritten.
+    /// Writes a tile's data, or what has changed of it, to its page. Pages that there are no layers
+    /// for stay unwritten.
     pub(super) fn write(
         &self,
         queue: &RenderQueue,
@@ -193,21 +229,41 @@ impl GpuTerrainPages {
         let PageUpload {
             page,
             address,
-            tile,
+            data,
         } = upload;
         if *page >= self.layers * PAGES_A_LAYER {
             return;
         }
-        let heights = bytemuck::cast_slice(tile.heights.samples());
-        self.heights.write(queue, *page, heights);
-        self.densities
-            .write(queue, *page, &tile.densities.own_texels());
-        let errors = bytemuck::cast_slice(tile.errors.texels().as_flattened());
-        self.errors.write(queue, *page, errors);
         let scale = gradient_scale / (1_u32 << address.level) as f32;
-        tile_gradients(&tile.heights, scale, scratch);
-        self.gradients
-            .write(queue, *page, bytemuck::cast_slice(scratch));
+        match data {
+            PageData::Whole(tile) => {
+                let heights = bytemuck::cast_slice(tile.heights.samples());
+                self.heights.write(queue, *page, heights);
+                self.densities
+                    .write(queue, *page, &tile.densities.own_texels());
+                let errors = bytemuck::cast_slice(tile.errors.texels().as_flattened());
+                self.errors.write(queue, *page, errors);
+                tile_gradients(&tile.heights, scale, scratch);
+                self.gradients
+                    .write(queue, *page, bytemuck::cast_slice(scratch));
+            }
+            PageData::Part(part) => {
+                let Texels { first, size, .. } = part.heights;
+                let heights = bytemuck::cast_slice(&part.heights.texels);
+                self.heights.write_part(queue, *page, first, size, heights);
+                let Texels { first, size, .. } = part.densities;
+                let densities = &part.densities.texels;
+                self.densities
+                    .write_part(queue, *page, first, size, densities);
+                let Texels { first, size, .. } = part.errors;
+                let errors = bytemuck::cast_slice(part.errors.texels.as_flattened());
+                self.errors.write_part(queue, *page, first, size, errors);
+                let (first, size) = part.gradients(scale, scratch);
+                let gradients = bytemuck::cast_slice(scratch);
+                self.gradients
+                    .write_part(queue, *page, first, size, gradients);
+            }
+        }
     }
 }
 

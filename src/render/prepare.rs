@@ -7,6 +7,7 @@ use super::gpu_types::{
     GpuFaceFactors, GpuTerrainCounters, GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode,
     GpuTerrainVertex, GpuTerrainView,
 };
+use super::mask::GpuTables;
 use super::pages::GpuTerrainPages;
 use super::pipelines::TerrainPipelines;
 use super::statistics::TerrainViewStatistics;
@@ -39,7 +40,7 @@ const WIDEST: f32 = 256.0;
 pub(super) struct GpuTerrain {
     detail: Buffer,
     written_detail: Option<DetailKernel>,
-    page_table: Buffer,
+    tables: GpuTables,
     field: Buffer,
     parameters: Buffer,
     written_parameters: Option<[Vec4; 8]>,
@@ -99,8 +100,8 @@ pub(super) struct MeshBindGroups {
     pub(super) draw: BindGroup,
     /// The same with the preview of densities, while there is one.
     pub(super) preview_draw: Option<BindGroup>,
-    /// Generations of the mesh, the pages, the terrain and the preview.
-    built_for: [u64; 4],
+    /// Generations of the mesh, the pages, the terrain, its tables and the preview.
+    built_for: [u64; 5],
 }
 
 /// The meshes of all cameras and terrains, by (camera, terrain).
@@ -202,7 +203,7 @@ impl GpuTerrain {
         Self {
             detail,
             written_detail: None,
-            page_table: empty("terrain_page_table"),
+            tables: GpuTables::new(device),
             field: empty("terrain_residency_field"),
             parameters,
             written_parameters: None,
@@ -212,10 +213,9 @@ impl GpuTerrain {
     }
 }
 
-fn write_table(
-    table: &mut Buffer,
+fn write_field(
+    field: &mut Buffer,
     generation: &mut u64,
-    label: &'static str,
     change: &TableChange,
     device: &RenderDevice,
     queue: &RenderQueue,
@@ -224,12 +224,17 @@ fn write_table(
     let first = u64::from(*first) * 4;
     let bytes: &[u8] = bytemuck::cast_slice(words);
     let end = first + bytes.len() as u64;
-    // The first change is the whole table, and a table keeps its length.
-    if table.size() < end {
-        *table = buffer(device, label, end, BufferUsages::STORAGE);
+    // The first change is the whole field, and a field keeps its length.
+    if field.size() < end {
+        *field = buffer(
+            device,
+            "terrain_residency_field",
+            end,
+            BufferUsages::STORAGE,
+        );
         *generation += 1;
     }
-    queue.write_buffer(table, first, bytes);
+    queue.write_buffer(field, first, bytes);
 }
 
 impl GpuTerrainMesh {
@@ -377,7 +382,13 @@ impl GpuTerrainMesh {
         );
     }
 
-    fn write(&mut self, queue: &RenderQueue, extracted: &ExtractedView, density_opacity: f32) {
+    fn write(
+        &mut self,
+        queue: &RenderQueue,
+        extracted: &ExtractedView,
+        density_opacity: f32,
+        mask_first: u32,
+    ) {
         self.node_count = extracted.nodes.len() as u32;
         self.measured = extracted.measure_triangle_sizes;
         self.uniform = extracted.view;
@@ -389,6 +400,7 @@ impl GpuTerrainMesh {
         queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&self.uniform));
         let draw = GpuTerrainDraw {
             density_opacity,
+            mask_first,
             ..extracted.draw
         };
         queue.write_buffer(&self.draw, 0, bytemuck::bytes_of(&draw));
@@ -410,6 +422,7 @@ impl GpuTerrainMesh {
             self.generation,
             pages.generation,
             terrain.generation,
+            terrain.tables.generation,
             preview.map_or(0, |preview| preview.generation),
         ];
         if self
@@ -430,7 +443,7 @@ impl GpuTerrainMesh {
                 &BindGroupEntries::sequential((
                     self.view.as_entire_binding(),
                     self.nodes.as_entire_binding(),
-                    terrain.page_table.as_entire_binding(),
+                    terrain.tables.buffer.as_entire_binding(),
                     terrain.field.as_entire_binding(),
                     &pages.heights.view,
                     &pages.densities.view,
@@ -491,7 +504,7 @@ impl GpuTerrainMesh {
                 &pipelines.draw_layout,
                 &BindGroupEntries::sequential((
                     self.draw.as_entire_binding(),
-                    terrain.page_table.as_entire_binding(),
+                    terrain.tables.buffer.as_entire_binding(),
                     &pages.gradients.view,
                     &pipelines.gradient_sampler,
                     terrain.detail.as_entire_binding(),
@@ -503,7 +516,7 @@ impl GpuTerrainMesh {
                     &pipelines.preview_draw_layout,
                     &BindGroupEntries::sequential((
                         self.draw.as_entire_binding(),
-                        terrain.page_table.as_entire_binding(),
+                        terrain.tables.buffer.as_entire_binding(),
                         &pages.gradients.view,
                         &pipelines.gradient_sampler,
                         terrain.detail.as_entire_binding(),
@@ -538,6 +551,7 @@ pub(super) fn prepare_terrains(
             uploads,
             page_table,
             field,
+            mask,
             parameters,
             detail,
             ..
@@ -549,14 +563,15 @@ pub(super) fn prepare_terrains(
         for upload in uploads {
             pages.write(&queue, upload, *gradient_scale, &mut scratch);
         }
-        for (table, label, changes) in [
-            (&mut terrain.page_table, "terrain_page_table", page_table),
-            (&mut terrain.field, "terrain_residency_field", field),
-        ] {
-            for change in changes {
-                let generation = &mut terrain.generation;
-                write_table(table, generation, label, change, &device, &queue);
-            }
+        for change in page_table {
+            terrain.tables.write_page_table(change, &device, &queue);
+        }
+        terrain.tables.write_mask(mask, &device, &queue);
+        for change in field {
+            let GpuTerrain {
+                field, generation, ..
+            } = terrain;
+            write_field(field, generation, change, &device, &queue);
         }
         if terrain.written_detail != Some(*detail) {
             terrain.written_detail = Some(*detail);
@@ -597,7 +612,7 @@ pub(super) fn prepare_meshes(
         mesh.make_room(&device, extracted);
         let preview = previews.previews.get(&extracted.terrain);
         let opacity = preview.map_or(0.0, |preview| preview.opacity);
-        mesh.write(&queue, extracted, opacity);
+        mesh.write(&queue, extracted, opacity, terrain.tables.mask_first());
         let preview = preview.and_then(|preview| preview.gpu.as_ref());
         mesh.bind(&device, &cache, &pipelines, &pages, terrain, preview);
     }

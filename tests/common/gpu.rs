@@ -15,10 +15,10 @@ use bevy_tessera::render::{
     GpuFaceFactors, GpuTerrainDrawArgs, GpuTerrainMeshes, GpuTerrainVertex, TerrainNodes,
     TerrainRenderSystems, factor_view,
 };
-use bevy_tessera::stream::{TerrainState, TerrainTiles, TileData};
+use bevy_tessera::stream::{TerrainState, TerrainTiles};
 use bevy_tessera::terrain::{Terrain, TerrainCamera, TerrainSettings};
 use bevy_tessera::tessellate::{FaceFactors, FactorView, Pages, TerrainVertex, ViewMesh};
-use bevy_tessera::tile::{TerrainTile, TileAddress};
+use bevy_tessera::tile::TileAddress;
 use bevy_tessera::view::TerrainViews;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -187,11 +187,11 @@ impl Kernels {
         let camera = world.get::<Camera>(self.camera).unwrap();
         let file = &state.manifest().file;
         let mut pages = Pages::default();
-        let tiles = world.resource::<Assets<TerrainTile>>();
         for tile in world.get::<TerrainTiles>(self.terrain).unwrap().iter() {
             let address = *world.get::<TileAddress>(tile).unwrap();
-            let data = tiles.get(&world.get::<TileData>(tile).unwrap().0);
-            pages.tiles.insert(address, Arc::new(data.unwrap().clone()));
+            // With its edits, unlike the asset.
+            let data = state.tile_data(address).unwrap();
+            pages.tiles.insert(address, Arc::new(data.clone()));
         }
         let nodes = world.get::<TerrainNodes>(self.camera).unwrap().nodes[&self.terrain].clone();
 

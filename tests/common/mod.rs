@@ -8,6 +8,8 @@ pub mod flight;
 #[cfg(feature = "examples")]
 pub mod gpu;
 pub mod manifold;
+#[cfg(feature = "examples")]
+pub mod page_textures;
 pub mod random;
 #[cfg(feature = "examples")]
 pub mod scene;

@@ -32,11 +32,12 @@ fn terrain_pbr_input(
     let world_from_eye = terrain_surface_module::terrain_draw.world_from_eye;
     var surface: terrain_surface_module::TerrainSurface;
     let across = fwidth(in.plane_from_eye_m);
+    let footprint_m = max(across.x, across.y);
     let local_normal = terrain_surface_module::terrain_normal(
         in.plane_from_eye_m,
         in.lambda,
         in.height_m,
-        max(across.x, across.y),
+        footprint_m,
     );
     surface.world_position = in.world_position;
     let plane = terrain_surface_module::terrain_draw.eye_local_m + in.plane_from_eye_m;
@@ -45,6 +46,8 @@ fn terrain_pbr_input(
     surface.slope = 1.0 - local_normal.y;
     surface.normal = normalize((world_from_eye * vec4(local_normal, 0.0)).xyz);
     surface.frag_coord = in.position;
+    surface.from_eye_m = in.plane_from_eye_m;
+    surface.footprint_m = footprint_m;
 
     var pbr = terrain_pbr_types::pbr_input_new();
     pbr.flags = terrain_mesh_types::MESH_FLAGS_SHADOW_RECEIVER_BIT;

@@ -7,7 +7,9 @@
 #import bevy_tessera::types::{ONE, TerrainDraw, TILE_BORDER, TILE_STORED, TILE_SAMPLES, PAGES_ACROSS, NO_PAGE}
 
 @group(2) @binding(0) var<uniform> terrain_draw: TerrainDraw;
-@group(2) @binding(1) var<storage, read> surface_page_table: array<u32>;
+// The page table; from `terrain_draw.mask_first` on, the destruction mask. One buffer, because some of
+// Bevy's passes leave no more than one on a device with WebGPU's limits.
+@group(2) @binding(1) var<storage, read> surface_tables: array<u32>;
 @group(2) @binding(2) var gradient_pages: texture_2d_array<f32>;
 @group(2) @binding(3) var gradient_sampler: sampler;
 @group(2) @binding(4) var<uniform> surface_detail: Detail;
@@ -28,6 +30,11 @@ struct TerrainSurface {
     normal: vec3<f32>,
     // The pixel, as in the fragment's @builtin(position).
     frag_coord: vec4<f32>,
+    // From the eye that the mesh was made for, metres of the terrain's own x and z: exact where
+    // `local_position` is rounded, far from the first sample.
+    from_eye_m: vec2<f32>,
+    // How wide the pixel is on the ground, along the longer of its sides, metres.
+    footprint_m: f32,
 }
 
 // A page, and where in its tile a place lies, in samples of its level from the tile's first own.
@@ -49,7 +56,7 @@ fn surface_page(from_first: vec2<f32>, wanted: i32) -> SurfacePage {
             vec2(0),
             vec2<i32>(level_tiles.yz) - 1,
         );
-        found.page = surface_page_table[level_tiles.x + u32(tile.y) * level_tiles.y + u32(tile.x)];
+        found.page = surface_tables[level_tiles.x + u32(tile.y) * level_tiles.y + u32(tile.x)];
         found.local = place - vec2<f32>(tile * TILE_SAMPLES);
         if found.page != NO_PAGE || level >= terrain_draw.root_level {
             break;

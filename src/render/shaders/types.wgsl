@@ -51,6 +51,17 @@ const DENSITY_PRINCIPAL: u32 = 5u;
 // Words that the densities of a page take in a preview, four texels each.
 const DENSITY_PAGE_WORDS: u32 = 256u;
 
+// The destruction mask, in words: a header (layers in use, a bit each; slots less one; pages that
+// there is room for; width of the finest texels as a power of two of edit units), slots, pages.
+const MASK_HEADER_WORDS: u32 = 4u;
+const MASK_SLOT_WORDS: u32 = 3u;
+const MASK_PAGE_WORDS: u32 = 1366u;
+// What a slot's layer is shifted by; one more than the page's number lies below it.
+const MASK_LAYER_SHIFT: u32 = 24u;
+// Texels along a page's side, as a power of two, and its mips.
+const MASK_PAGE_SHIFT: u32 = 6u;
+const MASK_MIPS: u32 = 7u;
+
 // Everything that a view's mesh follows from.
 struct TerrainView {
     eye: vec2<i32>,
@@ -116,7 +127,8 @@ struct TerrainDraw {
     root_level: i32,
     // How much of the ground's colour the preview of densities takes.
     density_opacity: f32,
-    unused: u32,
+    // Where the destruction mask begins in the tables; 0 while there is none.
+    mask_first: u32,
     // x: the level's first entry in the page table; y, z: tiles across and down.
     tiles: array<vec4<u32>, 24>,
 }
