@@ -109,6 +109,29 @@ fn open_world_shows_mountains_under_a_sky_from_three_cameras() {
     }
 }
 
+/// Share of the ground's pixels that are nearly black.
+fn dark_share(image: &RgbImage) -> f32 {
+    let from = image.height() / 2;
+    let ground = (from..image.height()).flat_map(|y| (0..image.width()).map(move |x| (x, y)));
+    let dark = ground.filter(|&(x, y)| image.get_pixel(x, y).0.iter().all(|&part| part < 75));
+    dark.count() as f32 / ((image.height() - from) * image.width()) as f32
+}
+
+#[test]
+fn destruction_leaves_scorched_craters() {
+    // Two frames after the terrain has come the bombs are in the air; later they have landed.
+    let before = dark_share(&picture("destruction", "destruction_before.png", &[]));
+    let after = dark_share(&picture(
+        "destruction",
+        "destruction_after.png",
+        &["--frames", "24"],
+    ));
+    assert!(
+        after > before + 0.01,
+        "{before} of the ground is dark before, {after} afterwards"
+    );
+}
+
 #[test]
 fn minimal_shows_a_terrain() {
     let image = picture("minimal", "minimal.png", &[]);

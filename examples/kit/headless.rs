@@ -1,6 +1,6 @@
 //! Drawing without a window, into a picture.
 
-use super::{Arguments, TerrainPath, place_cameras, render_plugin, terrain};
+use super::{Arguments, Model, TerrainPath, place_cameras, render_plugin, terrain};
 use bevy::app::ScheduleRunnerPlugin;
 use bevy::camera::RenderTarget;
 use bevy::image::Image;
@@ -25,9 +25,9 @@ struct Picture {
     captured: bool,
 }
 
-pub(super) fn app(arguments: Arguments) -> App {
+pub(super) fn app(model: &Model, arguments: Arguments) -> App {
     let mut app = App::new();
-    let (assets, terrain) = terrain(&arguments);
+    let (assets, terrain) = terrain(model, &arguments);
     app.add_plugins(
         DefaultPlugins
             .set(AssetPlugin {

@@ -17,14 +17,44 @@ use std::path::{Path, PathBuf};
 /// Bevy with its default plugins, in a window or headless, as the arguments say; the asset folder
 /// holds the terrain at [`TERRAIN`] or the one that `--terrain` names.
 pub fn app() -> App {
-    let arguments = Arguments::parse();
+    app_on(&JACKSBORO, Arguments::parse())
+}
+
+/// The bundled elevation model, as some example wants it.
+pub struct Model {
+    /// The terrain's folder, in that of the assets.
+    pub folder: &'static str,
+    pub spacing_m: f64,
+    /// Metres for each step of the model's heights, and at height 0.
+    pub scale: f64,
+    pub offset: f64,
+}
+
+/// As it is.
+pub const JACKSBORO: Model = Model {
+    folder: "terrains/jacksboro",
+    spacing_m: 30.0,
+    scale: 0.02,
+    offset: 200.0,
+};
+
+/// Small enough for a crater to be seen, rough enough to hide in.
+pub const BATTLEFIELD: Model = Model {
+    folder: "terrains/battlefield",
+    spacing_m: 1.0,
+    scale: 0.002,
+    offset: 0.0,
+};
+
+/// The same, on `model`.
+pub fn app_on(model: &Model, arguments: Arguments) -> App {
     if !arguments.headless {
-        match windowed(&arguments) {
+        match windowed(model, &arguments) {
             Some(app) => return app,
             None => eprintln!("no window can be opened: running headless"),
         }
     }
-    headless::app(arguments)
+    headless::app(model, arguments)
 }
 
 /// Whether this renderer draws on the CPU.
@@ -37,13 +67,13 @@ pub fn is_software(adapter: &RenderAdapterInfo) -> bool {
 #[derive(Resource)]
 pub struct TerrainPath(pub String);
 
-fn windowed(arguments: &Arguments) -> Option<App> {
+fn windowed(model: &Model, arguments: &Arguments) -> Option<App> {
     // Bevy's window plugin panics where there is no display; that is an answer, not an accident.
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
     let app = std::panic::catch_unwind(|| {
         let mut app = App::new();
-        let (assets, terrain) = terrain(arguments);
+        let (assets, terrain) = terrain(model, arguments);
         app.add_plugins(DefaultPlugins.set(AssetPlugin {
             file_path: assets,
             ..default()
@@ -84,7 +114,7 @@ fn place_cameras(arguments: Res<Arguments>, mut cameras: Query<&mut Transform, W
 
 /// The asset folder, and the manifest's path in it. Bakes the bundled elevation model where
 /// nobody has done so yet.
-fn terrain(arguments: &Arguments) -> (String, String) {
+pub fn terrain(model: &Model, arguments: &Arguments) -> (String, String) {
     if let Some(folder) = &arguments.terrain {
         let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.clone());
         if let (Some(parent), Some(name)) = (folder.parent(), folder.file_name()) {
@@ -95,22 +125,26 @@ fn terrain(arguments: &Arguments) -> (String, String) {
         }
     }
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets");
-    let folder = assets.join("terrains/jacksboro");
+    let folder = assets.join(model.folder);
     // One that another version of the crate baked is baked again.
     if TerrainManifest::read(&folder).is_err()
-        && let Err(error) = bake_bundled(&assets, &folder)
+        && let Err(error) = bake_bundled(model, &assets, &folder)
     {
         eprintln!("{error}");
         std::process::exit(1);
     }
     (
         assets.to_string_lossy().into_owned(),
-        "terrains/jacksboro/terrain.ron".to_owned(),
+        format!("{}/terrain.ron", model.folder),
     )
 }
 
 /// Bakes the bundled elevation model into `folder`.
-pub fn bake_bundled(assets: &Path, folder: &Path) -> Result<(), Box<dyn std::error::Error>> {
+pub fn bake_bundled(
+    model: &Model,
+    assets: &Path,
+    folder: &Path,
+) -> Result<(), Box<dyn std::error::Error>> {
     eprintln!(
         "baking the bundled elevation model into {}",
         folder.display()
@@ -120,12 +154,12 @@ pub fn bake_bundled(assets: &Path, folder: &Path) -> Result<(), Box<dyn std::err
     }
     let source: PathBuf = assets.join("elevation/jacksboro_u16.png");
     let import_settings = ImportSettings {
-        scale: Some(0.02),
-        offset: Some(200.0),
+        scale: Some(model.scale),
+        offset: Some(model.offset),
         ..Default::default()
     };
     let settings = BakeSettings {
-        spacing_m: Some(30.0),
+        spacing_m: Some(model.spacing_m),
         force: true,
         ..Default::default()
     };
