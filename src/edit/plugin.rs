@@ -225,6 +225,10 @@ impl Editable<'_, '_> {
                     .to_owned(),
             ));
         };
+        if let Some(log) = edits.log() {
+            log.check_terrain(&state.manifest().file)
+                .map_err(|error| EditRefusal::History(error.to_string()))?;
+        }
         Ok((entity, state, edits, self.commands.reborrow()))
     }
 

@@ -19,7 +19,8 @@ pub(crate) struct PageDirt {
 
 impl PageDirt {
     /// What is in either.
-    pub(crate) fn union(&self, other: &Self) -> Self {
+    #[cfg(any(feature = "render", test))]
+    fn union(&self, other: &Self) -> Self {
         Self {
             heights: self.heights.union(&other.heights),
             densities: self.densities.union(&other.densities),

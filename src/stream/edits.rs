@@ -66,9 +66,8 @@ impl GroundEdits {
         }
     }
 
-    /// Makes a snapshot of a tile that has all edits, in the background.
-    fn snapshot(&mut self, tile: EditedTile) {
-        let sequence = self.sequence;
+    /// Makes a snapshot of a tile that has all edits up to number `sequence`, in the background.
+    fn snapshot(&mut self, tile: EditedTile, sequence: u64) {
         let pool = AsyncComputeTaskPool::get_or_init(TaskPool::default);
         self.snapshots.push(pool.spawn(async move {
             TileSnapshot {
@@ -222,6 +221,11 @@ impl Arrival {
 }
 
 impl TerrainState {
+    /// Whether no resident tile is being made anew.
+    pub(super) fn has_its_edits(&self) -> bool {
+        self.edits.remade.is_empty()
+    }
+
     /// The log, where it is this terrain's.
     pub(super) fn own_log<'a>(&self, log: Option<&'a EditLog>) -> Option<&'a EditLog> {
         log.filter(|log| log.check_terrain(&self.manifest.file).is_ok())
@@ -233,12 +237,7 @@ impl TerrainState {
         if self.edits.version == log.version() {
             return;
         }
-        let is_first = self.edits.version == 0 && self.residency.resident_count() == 0;
         self.note_log(log);
-        if is_first {
-            // What is on its way knows the log.
-            return;
-        }
         self.edits.epoch += 1;
         self.edits.footprints = Arc::default();
         self.edits.remade.clear();
@@ -248,11 +247,13 @@ impl TerrainState {
         for loading in &mut self.loading {
             loading.arrival = None;
         }
-        self.edits.own.clear();
+        let mut changed: BTreeSet<_> = self.edits.own.keys().copied().collect();
+        // What is resident keeps its own until it is another.
+        let pages = &self.residency.pages;
+        self.edits.own.retain(|tile, _| pages.get(*tile).is_some());
         let empty = EditLog::new(&self.manifest.file);
         // A foreign log counts as none.
         let log = self.own_log(Some(log)).unwrap_or(&empty);
-        let mut changed: BTreeSet<_> = self.bounds.index.iter().map(|(tile, _)| tile).collect();
         for (_, edit) in log.active() {
             self.widen_by(edit, &mut changed);
         }
@@ -268,16 +269,27 @@ impl TerrainState {
             })
             .collect();
         for &(page, address) in &touched {
-            if let Some(slot) = self.slot(page) {
-                commands.trigger(TileReloaded {
-                    entity: terrain,
-                    tile: slot.entity,
-                    address,
-                });
-            }
+            self.tell_reloaded(terrain, page, address, commands);
         }
         self.replay(touched, log, commands);
         self.measure_all(log);
+    }
+
+    /// Tells whoever follows tiles that one is another.
+    fn tell_reloaded(
+        &self,
+        terrain: Entity,
+        page: u32,
+        address: TileAddress,
+        commands: &mut Commands,
+    ) {
+        if let Some(slot) = self.slot(page) {
+            commands.trigger(TileReloaded {
+                entity: terrain,
+                tile: slot.entity,
+                address,
+            });
+        }
     }
 
     /// The resident ground has all of the log, or is about to.
@@ -307,6 +319,7 @@ impl TerrainState {
             let tiles = self.pages().tiles(level);
             for address in tiles_around(tiles, level, heights.grown(ERROR_MARGIN)) {
                 let page = self.pages().get(address);
+                let is_stale = !self.edits.remade.is_empty() && self.is_remade(address);
                 let slot = page.and_then(|page| self.slots.get_mut(page as usize)?.as_mut());
                 let Some(slot) = slot else {
                     continue;
@@ -326,7 +339,7 @@ impl TerrainState {
                 }
                 if !change.is_empty() {
                     *since_snapshot += 1;
-                    if *since_snapshot >= SNAPSHOT_EVERY {
+                    if *since_snapshot >= SNAPSHOT_EVERY && !is_stale {
                         *since_snapshot = 0;
                         to_keep.push((**tile).clone());
                     }
@@ -339,7 +352,7 @@ impl TerrainState {
         self.ground_changed(changed, commands);
         self.note_log(log);
         for tile in to_keep {
-            self.edits.snapshot(tile);
+            self.edits.snapshot(tile, sequence);
         }
         clamped
     }
@@ -384,12 +397,18 @@ impl TerrainState {
             .collect();
         let edits: usize = jobs.iter().map(|(.., replay)| replay.edits.len()).sum();
         if edits > EDITS_AT_ONCE || !self.edits.remade.is_empty() {
-            let again: BTreeSet<_> = jobs.iter().map(|(_, address, ..)| *address).collect();
-            self.edits.remade.retain(|(tile, _)| !again.contains(tile));
+            let mut wide = BTreeSet::new();
             for (_, address, base, _) in jobs {
+                self.stop_remaking(address);
                 let arrival = self.arrive(address, &base, Some(log));
                 self.edits.remade.push((address, arrival));
+                // Until then its ground lies somewhere between what it was and what it will be.
+                for (_, edit) in log.active_touching(address) {
+                    let (least, most) = edit.change.limits();
+                    self.widen(address, least, most, &mut wide);
+                }
             }
+            self.refresh_bounds(wide, commands);
             return;
         }
         let pool = ComputeTaskPool::get_or_init(TaskPool::default);
@@ -412,7 +431,12 @@ impl TerrainState {
     }
 
     /// Swaps in the tiles that were made anew in the background, once all of them are there.
-    pub(super) fn take_remade(&mut self, log: Option<&EditLog>, commands: &mut Commands) {
+    pub(super) fn take_remade(
+        &mut self,
+        terrain: Entity,
+        log: Option<&EditLog>,
+        commands: &mut Commands,
+    ) {
         if self.edits.remade.is_empty() {
             return;
         }
@@ -436,6 +460,9 @@ impl TerrainState {
             }
         }
         if again.is_empty() {
+            for &(page, address, _) in &made {
+                self.tell_reloaded(terrain, page, address, commands);
+            }
             self.take_contents(made, commands);
             return;
         }
@@ -480,8 +507,21 @@ impl TerrainState {
             && *since_snapshot >= SNAPSHOT_EVERY
         {
             *since_snapshot = 0;
-            self.edits.snapshot((**tile).clone());
+            let sequence = self.edits.sequence;
+            self.edits.snapshot((**tile).clone(), sequence);
         }
+    }
+
+    /// Whether a resident tile is being made anew: what it shows isn't what the log says.
+    fn is_remade(&self, address: TileAddress) -> bool {
+        self.edits.remade.iter().any(|(tile, _)| *tile == address)
+    }
+
+    /// Forgets that a tile is being made anew; says whether it was.
+    pub(super) fn stop_remaking(&mut self, address: TileAddress) -> bool {
+        let known = self.edits.remade.len();
+        self.edits.remade.retain(|(tile, _)| *tile != address);
+        self.edits.remade.len() < known
     }
 
     /// What happens when a tile has loaded: the log's edits are applied to it, in the background where
@@ -634,14 +674,18 @@ impl TerrainState {
 
     /// A tile isn't resident any more: what its edits have made of it is kept, where making it again
     /// would take long.
-    pub(super) fn keep_edits(&mut self, content: TileContent) {
+    pub(super) fn keep_edits(&mut self, address: TileAddress, content: TileContent) {
+        if self.stop_remaking(address) {
+            return;
+        }
         if let TileContent::Edited {
             tile,
             since_snapshot,
         } = content
             && since_snapshot >= SNAPSHOT_AT_LEAST
         {
-            self.edits.snapshot(*tile);
+            let sequence = self.edits.sequence;
+            self.edits.snapshot(*tile, sequence);
         }
     }
 
@@ -818,6 +862,9 @@ impl TerrainState {
             for address in tiles_around(self.pages().tiles(level), level, rect) {
                 if self.manifest.index.get(address).is_none() {
                     continue;
+                }
+                if self.is_remade(address) {
+                    return None;
                 }
                 let hash = ground_hash(address, self.tile_data(address)?);
                 hashes.extend_from_slice(&hash.to_le_bytes());

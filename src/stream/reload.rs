@@ -150,6 +150,7 @@ impl TerrainState {
         if slot.tile.base() == tile {
             return;
         }
+        self.stop_remaking(address);
         let content = self.with_edits(address, tile.clone(), log);
         let Some(slot) = self.slots[page as usize].as_mut() else {
             return;

@@ -485,6 +485,7 @@ impl TerrainState {
             && self.to_refresh.is_empty()
             && self.refreshing.is_empty()
             && !self.has_next
+            && self.has_its_edits()
             && self.residency.is_still()
     }
 

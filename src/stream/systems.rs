@@ -161,7 +161,7 @@ pub(crate) fn stream_tiles(
             state.catch_up(entity, log, &mut outside.commands);
         }
         state.keep_snapshots(edits.bypass_change_detection());
-        state.take_remade(edits.log(), &mut outside.commands);
+        state.take_remade(entity, edits.log(), &mut outside.commands);
         state.poll_loads(entity, edits.log(), &streamer.settings, outside);
         state.retry(outside.time.elapsed_secs_f64());
         state.retry_residents(&streamer.settings, outside.time.elapsed_secs_f64());
@@ -271,10 +271,10 @@ impl TerrainStreamer {
             };
             slot.evict(terrain, address, commands);
             cache.keep(slot.handle);
-            contents.push(slot.tile);
+            contents.push((address, slot.tile));
         });
-        for content in contents {
-            state.keep_edits(content);
+        for (address, content) in contents {
+            state.keep_edits(address, content);
         }
     }
 
