@@ -72,6 +72,9 @@ fn mask_texel(first: u32, mip: u32, texel: vec2<i32>) -> f32 {
     return f32((word >> (8u * (at % 4u))) & 0xffu) / 255.0;
 }
 
+// Stands for a page that hasn't been looked up.
+const MASK_NOWHERE: u32 = 0xffffffffu;
+
 // One mip of a layer whose texels are `2^layer_shift` units wide, bilinear.
 fn mask_mip(layer: u32, layer_shift: u32, mip: u32, place: MaskPlace) -> f32 {
     let shift = layer_shift + mip;
@@ -82,26 +85,28 @@ fn mask_mip(layer: u32, layer_shift: u32, mip: u32, place: MaskPlace) -> f32 {
     between += select(vec2(0.0), vec2(1.0), before);
     let texel = (place.whole >> vec2(shift)) - select(vec2(0), vec2(1), before);
 
+    // One place that looks pages up, whatever their number: drivers put every call's code in line.
     let page_shift = vec2(MASK_PAGE_SHIFT - mip);
-    let page = texel >> page_shift;
-    let beyond = (texel + 1) >> page_shift;
-    let page_aa = mask_page(layer, page);
-    var page_ba = page_aa;
-    var page_ab = page_aa;
-    var page_bb = page_aa;
-    // Few places lie between pages.
-    if any(beyond != page) {
-        page_ba = mask_page(layer, vec2(beyond.x, page.y));
-        page_ab = mask_page(layer, vec2(page.x, beyond.y));
-        page_bb = mask_page(layer, beyond);
+    var page = texel >> page_shift;
+    var first = MASK_NOWHERE;
+    var aa = 0.0;
+    var ba = 0.0;
+    var ab = 0.0;
+    var bb = 0.0;
+    for (var corner = 0u; corner < 4u; corner++) {
+        let at = texel + vec2<i32>(vec2(corner & 1u, corner >> 1u));
+        let its_page = at >> page_shift;
+        // Few places lie between pages.
+        if first == MASK_NOWHERE || any(its_page != page) {
+            page = its_page;
+            first = mask_page(layer, page);
+        }
+        let value = mask_texel(first, mip, at);
+        aa = select(aa, value, corner == 0u);
+        ba = select(ba, value, corner == 1u);
+        ab = select(ab, value, corner == 2u);
+        bb = select(bb, value, corner == 3u);
     }
-    if (page_aa | page_ba | page_ab | page_bb) == 0u {
-        return 0.0;
-    }
-    let aa = mask_texel(page_aa, mip, texel);
-    let ba = mask_texel(page_ba, mip, texel + vec2(1, 0));
-    let ab = mask_texel(page_ab, mip, texel + vec2(0, 1));
-    let bb = mask_texel(page_bb, mip, texel + vec2(1, 1));
     let top = aa + (ba - aa) * between.x;
     let bottom = ab + (bb - ab) * between.x;
     return top + (bottom - top) * between.y;
@@ -127,9 +132,11 @@ fn destruction_mask(from_eye_m: vec2<f32>, footprint_m: f32) -> f32 {
         let mip = min(log2(max(wide, 1.0)), f32(MASK_MIPS - 1u));
         let fine = u32(floor(mip));
         let blend = mip - f32(fine);
-        var here = mask_mip(layer, shift, fine, place);
-        if blend > 0.0 {
-            here += (mask_mip(layer, shift, fine + 1u, place) - here) * blend;
+        var here = 0.0;
+        let mips = select(1u, 2u, blend > 0.0);
+        for (var further = 0u; further < mips; further++) {
+            let value = mask_mip(layer, shift, fine + further, place);
+            here = select(here + (value - here) * blend, value, further == 0u);
         }
         strength = max(strength, here);
     }
