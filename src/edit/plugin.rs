@@ -113,14 +113,14 @@ fn edit<E: EditCommand>(command: On<E>, mut editable: Editable) {
 
 fn undo(command: On<UndoEdit>, mut editable: Editable) {
     let terrain = command.terrain.or_else(|| editable.only());
-    if let Err(refusal) = editable.take_back(terrain, command.sequence) {
+    if let Err(refusal) = editable.turn(terrain, command.sequence, Turn::Undo) {
         editable.refuse(terrain, &refusal);
     }
 }
 
 fn redo(command: On<RedoEdit>, mut editable: Editable) {
     let terrain = command.terrain.or_else(|| editable.only());
-    if let Err(refusal) = editable.make_again(terrain, command.sequence) {
+    if let Err(refusal) = editable.turn(terrain, command.sequence, Turn::Redo) {
         editable.refuse(terrain, &refusal);
     }
 }
@@ -232,73 +232,30 @@ impl Editable<'_, '_> {
         Ok((entity, state, edits, self.commands.reborrow()))
     }
 
-    fn take_back(
+    /// Takes an edit back, or makes it again.
+    fn turn(
         &mut self,
         terrain: Option<Entity>,
         sequence: Option<u64>,
+        turn: Turn,
     ) -> Result<(), EditRefusal> {
         let (entity, mut state, mut edits, mut commands) = self.history(terrain)?;
         let Some(log) = edits.log_mut() else {
             return Ok(());
         };
         state.catch_up(entity, log, &mut commands);
-        let sequence = match sequence {
-            Some(sequence) => {
-                log.undo(sequence)
-                    .map_err(|error| EditRefusal::History(error.to_string()))?;
-                sequence
-            }
-            None => log.undo_last().ok_or_else(|| {
-                EditRefusal::History("there is no edit left that could be undone".to_owned())
-            })?,
+        let sequence = match (sequence, turn) {
+            (Some(sequence), Turn::Undo) => log.undo(sequence).map(|_| sequence),
+            (Some(sequence), Turn::Redo) => log.redo(sequence).map(|_| sequence),
+            (None, Turn::Undo) => Ok(log.undo_last().ok_or_else(|| nothing_left("undone"))?),
+            (None, Turn::Redo) => Ok(log.redo_last().ok_or_else(|| nothing_left("redone"))?),
         };
+        let sequence = sequence.map_err(|error| EditRefusal::History(error.to_string()))?;
         let Some(edit) = log.edit(sequence).cloned() else {
             return Ok(());
         };
         state.replay_around(&[Arc::clone(&edit)], log, &mut commands);
-        let rect = edit.rect();
-        let region = region_of(&state, rect);
-        commands.trigger(TerrainEditUndone {
-            entity,
-            sequence,
-            rect,
-            region,
-        });
-        Ok(())
-    }
-
-    fn make_again(
-        &mut self,
-        terrain: Option<Entity>,
-        sequence: Option<u64>,
-    ) -> Result<(), EditRefusal> {
-        let (entity, mut state, mut edits, mut commands) = self.history(terrain)?;
-        let Some(log) = edits.log_mut() else {
-            return Ok(());
-        };
-        state.catch_up(entity, log, &mut commands);
-        let sequence = match sequence {
-            Some(sequence) => {
-                log.redo(sequence)
-                    .map_err(|error| EditRefusal::History(error.to_string()))?;
-                sequence
-            }
-            None => log.redo_last().ok_or_else(|| {
-                EditRefusal::History("there is no edit left that could be redone".to_owned())
-            })?,
-        };
-        let Some(edit) = log.edit(sequence).cloned() else {
-            return Ok(());
-        };
-        state.replay_around(&[Arc::clone(&edit)], log, &mut commands);
-        let rect = edit.rect();
-        let region = region_of(&state, rect);
-        commands.trigger(TerrainEditRedone {
-            entity,
-            sequence,
-            rect,
-            region,
-        });
+        turn.tell(entity, &state, sequence, &edit, &mut commands);
         Ok(())
     }
 
@@ -332,31 +289,56 @@ impl Editable<'_, '_> {
         }
         // Edits may have come that were undone in the same breath.
         state.note_log(log);
-        for (sequence, edit) in undone {
-            let rect = edit.rect();
-            let region = region_of(&state, rect);
-            commands.trigger(TerrainEditUndone {
-                entity,
-                sequence,
-                rect,
-                region,
-            });
-        }
-        for (sequence, edit) in redone {
-            let rect = edit.rect();
-            let region = region_of(&state, rect);
-            commands.trigger(TerrainEditRedone {
-                entity,
-                sequence,
-                rect,
-                region,
-            });
+        for (turn, edits) in [(Turn::Undo, undone), (Turn::Redo, redone)] {
+            for (sequence, edit) in edits {
+                turn.tell(entity, &state, sequence, &edit, &mut commands);
+            }
         }
         for ((sequence, edit), clamped) in applied.into_iter().zip(clamped) {
             commands.trigger(edited(entity, &state, sequence, &edit, clamped));
         }
         Ok(())
     }
+}
+
+/// A way through the log.
+#[derive(Clone, Copy)]
+enum Turn {
+    Undo,
+    Redo,
+}
+
+impl Turn {
+    /// Tells the game of an edit that has been taken back, or is there again.
+    fn tell(
+        self,
+        entity: Entity,
+        state: &TerrainState,
+        sequence: u64,
+        edit: &Edit,
+        commands: &mut Commands,
+    ) {
+        let rect = edit.rect();
+        let region = region_of(state, rect);
+        match self {
+            Self::Undo => commands.trigger(TerrainEditUndone {
+                entity,
+                sequence,
+                rect,
+                region,
+            }),
+            Self::Redo => commands.trigger(TerrainEditRedone {
+                entity,
+                sequence,
+                rect,
+                region,
+            }),
+        }
+    }
+}
+
+fn nothing_left(done: &str) -> EditRefusal {
+    EditRefusal::History(format!("there is no edit left that could be {done}"))
 }
 
 fn edited(

@@ -26,6 +26,7 @@
 mod cache;
 mod changes;
 mod content;
+mod demand;
 mod dirt;
 mod edits;
 mod fade;
@@ -33,6 +34,7 @@ mod pages;
 mod pin;
 mod pool;
 mod reload;
+mod replay;
 mod residency;
 mod settings;
 mod start;

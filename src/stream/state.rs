@@ -3,8 +3,9 @@
 use super::changes::ChangeLog;
 use super::content::TileContent;
 use super::dirt::{PageDirt, PageDirtLog};
-use super::edits::{Arrival, GroundEdits};
+use super::edits::GroundEdits;
 use super::fade::FadeView;
+use super::replay::Arrival;
 use super::residency::Residency;
 use super::{PageTable, TileBounds};
 use crate::detail::{DetailKernel, TerrainDetail};
