@@ -1,121 +1,24 @@
-//! The plugin that gives the ground near bodies colliders.
+//! The colliders of the ground near bodies, and the systems that keep them.
 
 use super::bodies::{Bodies, Body, LocalBox};
 use super::grid::{Built, Chunk, Chunks, Grid, Key, Stage};
 use super::settings::TerrainPhysics;
 use super::shape::{Ground, Place, height_at};
-use crate::edit::{SampleRect, TerrainEditRedone, TerrainEditUndone, TerrainEdited};
+use crate::edit::SampleRect;
 use crate::stream::{TerrainPin, TerrainRegion, TerrainState};
-use crate::terrain::{Terrain, TileEvicted, TileLoaded, TileReloaded};
+use crate::terrain::Terrain;
 use crate::tile::{TILE_SAMPLES, TileAddress};
 use avian3d::dynamics::solver::islands::WakeBody;
 use avian3d::parry::shape::SharedShape;
 use avian3d::prelude::{
-    Collider, CollisionLayers, CollisionMargin, Friction, Physics, PhysicsSystems, Position,
-    Restitution, RigidBody,
+    Collider, CollisionLayers, CollisionMargin, Friction, Position, Restitution, RigidBody,
 };
-use bevy::ecs::intern::Interned;
-use bevy::ecs::schedule::ScheduleLabel;
 use bevy::ecs::system::SystemParam;
 use bevy::log::{error, warn};
 use bevy::math::Affine3A;
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use bevy::tasks::{AsyncComputeTaskPool, block_on, futures_lite::future};
-
-/// Gives the ground near bodies, and in regions with a [`TerrainColliderPin`], colliders.
-///
-/// Part of [`TerrainPlugins`](crate::TerrainPlugins). Does nothing where the game has no
-/// `PhysicsPlugins`. Cost: some 300 ns a body and physics step, and some 100 µs after an edit the
-/// size of a large crater.
-#[derive(Clone, Copy, Debug)]
-pub struct TerrainPhysicsPlugin {
-    schedule: Interned<dyn ScheduleLabel>,
-}
-
-impl TerrainPhysicsPlugin {
-    /// A plugin for physics that run in `schedule`: the one that `PhysicsPlugins::new` was given.
-    /// By default it is `FixedPostUpdate`.
-    #[must_use]
-    pub fn new(schedule: impl ScheduleLabel) -> Self {
-        Self {
-            schedule: schedule.intern(),
-        }
-    }
-}
-
-impl Default for TerrainPhysicsPlugin {
-    fn default() -> Self {
-        Self::new(FixedPostUpdate)
-    }
-}
-
-/// What the plugin does in the schedule of physics.
-#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum TerrainPhysicsSystems {
-    /// Colliders are made, rewritten and removed; in `PhysicsSystems::First`. Edits that are applied
-    /// before it are in colliders when the step begins.
-    Update,
-}
-
-impl Plugin for TerrainPhysicsPlugin {
-    fn build(&self, app: &mut App) {
-        app.init_resource::<TerrainPhysics>()
-            .init_resource::<TerrainColliders>()
-            .register_type::<TerrainPhysics>()
-            .register_type::<TerrainCollider>()
-            .register_type::<TerrainColliderPin>()
-            .register_type::<TerrainBodyPin>()
-            .add_observer(
-                |event: On<TerrainEdited>, mut all: ResMut<TerrainColliders>| {
-                    all.edited(event.entity, event.rect);
-                },
-            )
-            .add_observer(
-                |event: On<TerrainEditUndone>, mut all: ResMut<TerrainColliders>| {
-                    all.edited(event.entity, event.rect);
-                },
-            )
-            .add_observer(
-                |event: On<TerrainEditRedone>, mut all: ResMut<TerrainColliders>| {
-                    all.edited(event.entity, event.rect);
-                },
-            )
-            .add_observer(|event: On<TileLoaded>, mut all: ResMut<TerrainColliders>| {
-                all.tile_changed(event.entity, event.address, true);
-            })
-            .add_observer(
-                |event: On<TileReloaded>, mut all: ResMut<TerrainColliders>| {
-                    all.tile_changed(event.entity, event.address, false);
-                },
-            )
-            .add_observer(
-                |event: On<TileEvicted>, mut all: ResMut<TerrainColliders>| {
-                    all.tile_changed(event.entity, event.address, false);
-                },
-            )
-            .add_observer(
-                |event: On<Remove, TerrainCollider>,
-                 colliders: Query<&TerrainCollider>,
-                 mut all: ResMut<TerrainColliders>| {
-                    if let Ok(collider) = colliders.get(event.entity) {
-                        all.removed(event.entity, collider);
-                    }
-                },
-            )
-            .configure_sets(
-                self.schedule,
-                TerrainPhysicsSystems::Update.in_set(PhysicsSystems::First),
-            )
-            .add_systems(
-                self.schedule,
-                (hold_in_place, follow_surface, update_colliders)
-                    .chain()
-                    .in_set(TerrainPhysicsSystems::Update)
-                    .run_if(resource_exists::<Time<Physics>>),
-            );
-    }
-}
 
 /// A piece of ground that bodies collide with: a child of its terrain, beside a static `RigidBody`
 /// and a `Collider`.
@@ -211,20 +114,25 @@ impl TerrainColliders {
         chunks.is_some_and(|chunks| chunks.iter().all(is_made))
     }
 
-    fn edited(&mut self, terrain: Entity, rect: SampleRect) {
+    pub(super) fn edited(&mut self, terrain: Entity, rect: SampleRect) {
         if let Some(grid) = self.grids.get_mut(&terrain) {
             grid.edited(rect);
         }
     }
 
-    fn tile_changed(&mut self, terrain: Entity, address: TileAddress, has_arrived: bool) {
+    pub(super) fn tile_changed(
+        &mut self,
+        terrain: Entity,
+        address: TileAddress,
+        has_arrived: bool,
+    ) {
         if let Some(grid) = self.grids.get_mut(&terrain) {
             grid.tile_changed(address, has_arrived);
         }
     }
 
     /// Somebody has despawned a collider, maybe without asking.
-    fn removed(&mut self, entity: Entity, collider: &TerrainCollider) {
+    pub(super) fn removed(&mut self, entity: Entity, collider: &TerrainCollider) {
         if let Some(grid) = self.grids.get_mut(&collider.terrain) {
             grid.removed(entity, collider.rect);
         }
@@ -251,7 +159,7 @@ type SurfaceChanged = Or<(
 
 /// Everything that colliders are made from and into.
 #[derive(SystemParam)]
-struct Outside<'w, 's> {
+pub(super) struct Outside<'w, 's> {
     raw_settings: Res<'w, TerrainPhysics>,
     time: Res<'w, Time>,
     terrains: Terrains<'w, 's>,
@@ -276,14 +184,16 @@ struct Change {
 
 /// Avian writes what it thinks of a body's place back into transforms, rounded; static ground goes
 /// nowhere by that, however often its terrain moves.
-fn hold_in_place(mut colliders: Query<(&TerrainCollider, &mut Transform), Changed<Transform>>) {
+pub(super) fn hold_in_place(
+    mut colliders: Query<(&TerrainCollider, &mut Transform), Changed<Transform>>,
+) {
     for (collider, mut transform) in &mut colliders {
         transform.set_if_neq(Transform::from_translation(collider.translation));
     }
 }
 
 /// Colliders are as rough and as bouncy as their terrain, also when it changes.
-fn follow_surface(
+pub(super) fn follow_surface(
     changed: Query<Entity, (SurfaceChanged, With<Terrain>)>,
     surfaces: Query<Surface>,
     colliders: Query<(Entity, &TerrainCollider)>,
@@ -325,7 +235,7 @@ fn take_surface(
 }
 
 /// Brings all colliders up to date with bodies, pins, tiles and edits.
-fn update_colliders(mut all: ResMut<TerrainColliders>, mut outside: Outside) {
+pub(super) fn update_colliders(mut all: ResMut<TerrainColliders>, mut outside: Outside) {
     let _span = bevy::log::debug_span!("terrain_colliders").entered();
     let all = &mut *all;
     let outside = &mut outside;

@@ -36,11 +36,10 @@
 mod bodies;
 mod colliders;
 mod grid;
+mod plugin;
 mod settings;
 mod shape;
 
-pub use colliders::{
-    TerrainBodyPin, TerrainCollider, TerrainColliderPin, TerrainColliders, TerrainPhysicsPlugin,
-    TerrainPhysicsSystems,
-};
+pub use colliders::{TerrainBodyPin, TerrainCollider, TerrainColliderPin, TerrainColliders};
+pub use plugin::{TerrainPhysicsPlugin, TerrainPhysicsSystems};
 pub use settings::{TerrainPhysics, TerrainPhysicsError};

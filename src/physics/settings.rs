@@ -2,6 +2,7 @@
 
 use crate::tile::TILE_SAMPLES;
 use bevy::prelude::*;
+use std::ops::RangeInclusive;
 use thiserror::Error;
 
 /// Where the ground gets colliders, and how many; a resource that may change at any time. What
@@ -86,34 +87,57 @@ pub enum TerrainPhysicsError {
 }
 
 impl TerrainPhysics {
+    /// Sides of a collider that are accepted, in cells.
+    pub const CHUNK_CELLS: [u32; 4] = [16, 32, 64, TILE_SAMPLES];
+    /// Margins that are accepted, in metres.
+    pub const MARGIN_RANGE: RangeInclusive<f32> = 0.0..=1e4;
+    /// Times ahead of bodies that are accepted, in seconds.
+    pub const LOOKAHEAD_RANGE: RangeInclusive<f32> = 0.0..=60.0;
+    /// Times that colliders stay for which are accepted, in seconds.
+    pub const KEEP_RANGE: RangeInclusive<f32> = 0.0..=3600.0;
+    /// Numbers of colliders begun in a step that are accepted.
+    pub const BUILDS_RANGE: RangeInclusive<u32> = 1..=1 << 12;
+    /// Numbers of colliders that are accepted.
+    pub const MAX_COLLIDERS_RANGE: RangeInclusive<u32> = 1..=1 << 20;
+
     /// These settings with every value that can't be used replaced by its default, each of which
     /// is given to `refused`.
     #[must_use]
     pub fn checked(&self, mut refused: impl FnMut(TerrainPhysicsError)) -> Self {
         let default = Self::default();
-        let chunk_cells = if self.chunk_cells.is_power_of_two()
-            && (16..=TILE_SAMPLES).contains(&self.chunk_cells)
-        {
+        let chunk_cells = if Self::CHUNK_CELLS.contains(&self.chunk_cells) {
             self.chunk_cells
         } else {
             refused(TerrainPhysicsError::ChunkCells(self.chunk_cells));
             default.chunk_cells
         };
-        let mut number = |name, value: f32, most: f32, default: f32| {
+        let mut number = |name, value: f32, range: RangeInclusive<f32>, default: f32| {
             // Not a number is in no range.
-            if (0.0..=most).contains(&value) {
+            if range.contains(&value) {
                 return value;
             }
+            let most = *range.end();
             refused(TerrainPhysicsError::Number { name, value, most });
             default
         };
-        let margin_m = number("margin_m", self.margin_m, 1e4, default.margin_m);
-        let lookahead_s = number("lookahead_s", self.lookahead_s, 60.0, default.lookahead_s);
-        let keep_s = number("keep_s", self.keep_s, 3600.0, default.keep_s);
-        let mut count = |name, value: u32, most: u32, default: u32| {
-            if (1..=most).contains(&value) {
+        let margin_m = number(
+            "margin_m",
+            self.margin_m,
+            Self::MARGIN_RANGE,
+            default.margin_m,
+        );
+        let lookahead_s = number(
+            "lookahead_s",
+            self.lookahead_s,
+            Self::LOOKAHEAD_RANGE,
+            default.lookahead_s,
+        );
+        let keep_s = number("keep_s", self.keep_s, Self::KEEP_RANGE, default.keep_s);
+        let mut count = |name, value: u32, range: RangeInclusive<u32>, default: u32| {
+            if range.contains(&value) {
                 return value;
             }
+            let most = *range.end();
             refused(TerrainPhysicsError::Count { name, value, most });
             default
         };
@@ -125,13 +149,13 @@ impl TerrainPhysics {
             builds_per_step: count(
                 "builds_per_step",
                 self.builds_per_step,
-                1 << 12,
+                Self::BUILDS_RANGE,
                 default.builds_per_step,
             ),
             max_colliders: count(
                 "max_colliders",
                 self.max_colliders,
-                1 << 20,
+                Self::MAX_COLLIDERS_RANGE,
                 default.max_colliders,
             ),
             ..*self
