@@ -6,6 +6,7 @@
 //! Bake a height map with the tool that comes with this crate,
 //!
 //! ```sh
+//! cargo install bevy_tessera --no-default-features --features cli   # or --path, in a clone
 //! tessera bake alps.tif --out assets/terrains/alps
 //! ```
 //!
@@ -30,7 +31,30 @@
 //! }
 //! ```
 //!
+//! # Guides
+//! In the folder `docs/guides` of the repository and of the package:
+//!
+//! | guide | for |
+//! |---|---|
+//! | [bring-your-height-map.md] | baking a file of heights, and seeing it |
+//! | [tune-for-your-gpu.md] | what costs what, and which knob to turn first |
+//! | [destroy-things.md] | craters, undo, saves, bodies that fall in |
+//! | [run-a-server.md] | ground without a GPU, and craters that all share |
+//! | [look-inside.md] | panel, overlays, held eye, comparison, lines, remote control |
+//! | [how-it-works.md] | lattice, morph, edge factors, density, streaming, edits |
+//! | [limits.md] | what it does not do |
+//!
+//! [bring-your-height-map.md]: https://docs.rs/crate/bevy_tessera/latest/source/docs/guides/bring-your-height-map.md
+//! [tune-for-your-gpu.md]: https://docs.rs/crate/bevy_tessera/latest/source/docs/guides/tune-for-your-gpu.md
+//! [destroy-things.md]: https://docs.rs/crate/bevy_tessera/latest/source/docs/guides/destroy-things.md
+//! [run-a-server.md]: https://docs.rs/crate/bevy_tessera/latest/source/docs/guides/run-a-server.md
+//! [look-inside.md]: https://docs.rs/crate/bevy_tessera/latest/source/docs/guides/look-inside.md
+//! [how-it-works.md]: https://docs.rs/crate/bevy_tessera/latest/source/docs/guides/how-it-works.md
+//! [limits.md]: https://docs.rs/crate/bevy_tessera/latest/source/docs/guides/limits.md
+//!
 //! # Table of contents
+//! A feature in parentheses adds to a module that is there without it.
+//!
 //! | module | what it holds | feature |
 //! |---|---|---|
 //! | [`terrain`] | the component and its settings, what opts a camera in, events, the manifest | |
@@ -50,8 +74,11 @@
 //! | [`query`] | the ground's height, normal and slope, rays at it, and what is under a pointer | (`ecs`, `picking`) |
 //! | [`stream`] | which tiles are resident, and the entities that stand for them | `ecs` |
 //! | `physics` | colliders for Avian, near bodies and in pinned regions | `avian` |
-//! | [`view`] | what each camera's level of detail follows from | `ecs` |
-//! | [`render`] | culling, compute passes, draws, [materials](render::TerrainMaterial) | `render` |
+//! | [`view`] | what each camera's level of detail follows from; with `render` the [held eye](view::TerrainEye) | `ecs` |
+//! | [`render`] | culling, compute passes, draws, [materials](render::TerrainMaterial), [overlays](render::TerrainOverlays), [comparison](render::TerrainComparison), [statistics](render::TerrainStatistics) | `render` |
+//! | `debug` | the panel: settings, statistics, a map, brushes | `egui` |
+//! | `gizmos` | lines: bounds of tiles, rectangles of edits, a held eye's view | `gizmos` |
+//! | `remote` | figures and settings over the Bevy Remote Protocol | `remote` |
 //!
 //! [`TerrainPlugins`] holds it all. Systems that a game may order its own against are in
 //! [`TerrainSystems`](terrain::TerrainSystems),
@@ -74,15 +101,35 @@
 //! | `avian` | colliders for Avian, near bodies and in pinned regions; implies `ecs` | |
 //! | `http` | terrains behind a web server, read by ranges; implies `archive`, needs a C compiler | |
 //! | `picking` | terrains under pointers, through Bevy's picking; implies `render` | |
+//! | `egui` | the panel, through `bevy_egui`; implies `gizmos` and `picking` | |
+//! | `gizmos` | lines over terrains, through Bevy's gizmos; implies `render` | |
+//! | `remote` | figures and settings over the Bevy Remote Protocol; implies `ecs` | |
 //! | `cli` | the tool `tessera`; implies `import`, `generate` and `archive` | |
 //! | `examples` | what the examples need of Bevy: a window, a fly camera, pictures | |
 //!
 //! With none of them the core is left, which depends on no part of Bevy.
 //!
 //! # What it does not do
-//! The ground is a height field: it has no overhangs and no caves.
+//! The ground is a height field: it has no overhangs, no caves and no holes. Materials are opaque and bind
+//! no textures of their own. [Detail](detail) is drawn, but neither queried nor collided with. Point and spot
+//! lights' shadows come from one camera's mesh. [limits.md] has the whole list.
+//!
+//! # Where it comes from
+//! Density maps: A. Cervin, *Adaptive Hardware-accelerated Terrain Tessellation*, 2012. Edge factors, detail
+//! and the held eye: I. Cantlay, *DirectX 11 Terrain Tessellation*, 2011. Slopes from heights: J. Andersson,
+//! *Terrain Rendering in Frostbite Using Procedural Shader Splatting*, 2007. Levels and morph: F. Strugar,
+//! *Continuous Distance-Dependent Level of Detail for Rendering Heightmaps*, 2009. Items that follow one of
+//! them name it, with the equation, figure or section where there is one.
+//!
+//! # Versions
+//! | bevy_tessera | Bevy | Avian | bevy_egui | Rust |
+//! |---|---|---|---|---|
+//! | 0.1 | 0.19.1 | 0.7 | 0.42 | 1.95 |
+//!
+//! Licence: MIT or Apache 2.0, as you like.
 //!
 //! [Bevy]: https://bevy.org
+#![cfg_attr(docsrs, feature(doc_cfg))]
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
 #![cfg_attr(
@@ -116,11 +163,17 @@ pub mod tile;
 #[cfg(feature = "ecs")]
 pub mod view;
 
+#[cfg(feature = "egui")]
+pub mod debug;
+#[cfg(feature = "gizmos")]
+pub mod gizmos;
 pub mod output;
 #[cfg(feature = "avian")]
 pub mod physics;
 #[cfg(feature = "ecs")]
 mod plugins;
+#[cfg(feature = "remote")]
+pub mod remote;
 #[cfg(feature = "ecs")]
 pub use plugins::TerrainPlugins;
 
@@ -128,3 +181,31 @@ pub use plugins::TerrainPlugins;
 #[cfg(all(doctest, feature = "render"))]
 #[doc = include_str!("../README.md")]
 struct Readme;
+
+/// The code in the guides compiles.
+#[cfg(all(doctest, feature = "render", feature = "archive"))]
+mod guides {
+    #[doc = include_str!("../docs/guides/bring-your-height-map.md")]
+    struct BringYourHeightMap;
+
+    #[doc = include_str!("../docs/guides/tune-for-your-gpu.md")]
+    struct TuneForYourGpu;
+
+    #[cfg(feature = "avian")]
+    #[doc = include_str!("../docs/guides/destroy-things.md")]
+    struct DestroyThings;
+
+    #[cfg(feature = "remote")]
+    #[doc = include_str!("../docs/guides/run-a-server.md")]
+    struct RunAServer;
+
+    #[cfg(all(feature = "egui", feature = "remote"))]
+    #[doc = include_str!("../docs/guides/look-inside.md")]
+    struct LookInside;
+
+    #[doc = include_str!("../docs/guides/how-it-works.md")]
+    struct HowItWorks;
+
+    #[doc = include_str!("../docs/guides/limits.md")]
+    struct Limits;
+}
