@@ -192,7 +192,7 @@ impl TerrainArchive {
         (&self.ron, &self.index)
     }
 
-    /// Manifest and index.
+    /// The terrain's manifest and the index of its tiles.
     #[must_use]
     pub const fn terrain(&self) -> &TerrainManifest {
         &self.terrain

@@ -17,7 +17,7 @@ const WINDOW: usize = 256;
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ArchiveReport {
-    /// Tiles.
+    /// Tiles that the archive holds, equal ones counted each.
     pub tiles: u64,
     /// Bytes of the folder: tiles, index and manifest.
     pub folder_bytes: u64,

@@ -59,9 +59,9 @@ pub struct BakeReport {
     pub levels: u8,
     /// Tiles of all levels; each has a file of heights and one of densities.
     pub tiles: u64,
-    /// Bytes written.
+    /// Bytes of all files that were written.
     pub bytes: u64,
-    /// Metres between samples.
+    /// Metres between samples of level 0.
     pub spacing_m: f64,
     /// Heights of the stored 0 and 65535, in metres.
     pub height_range_m: RangeInclusive<f64>,

@@ -68,6 +68,11 @@ impl DensitySettings {
     /// # Errors
     /// For the first number that doesn't.
     pub fn validate(&self) -> Result<(), DensitySettingsError> {
+        self.faults().next().map_or(Ok(()), Err)
+    }
+
+    /// Everything that is wrong with them.
+    pub(crate) fn faults(&self) -> impl Iterator<Item = DensitySettingsError> {
         let check = |name, inside: bool, found: f64, low: f64, high: f64| {
             let error = DensitySettingsError::Range {
                 name,
@@ -75,7 +80,7 @@ impl DensitySettings {
                 low,
                 high,
             };
-            inside.then_some(()).ok_or(error)
+            (!inside).then_some(error)
         };
         // NaN lies in no range.
         let real = |name, value: f32, range: RangeInclusive<f32>| {
@@ -86,19 +91,24 @@ impl DensitySettings {
             let (low, high) = ((*range.start()).into(), (*range.end()).into());
             check(name, range.contains(&value), value.into(), low, high)
         };
-        real("gain", self.gain, Self::GAIN_RANGE)?;
-        real("exponent", self.exponent, Self::EXPONENT_RANGE)?;
-        whole("filter_size", self.filter_size, Self::FILTER_SIZE_RANGE)?;
-        whole("lod_skip", self.lod_skip, Self::LOD_SKIP_RANGE)?;
+        let filter_size = whole("filter_size", self.filter_size, Self::FILTER_SIZE_RANGE);
+        let lod_skip = whole("lod_skip", self.lod_skip, Self::LOD_SKIP_RANGE);
         let spreads = self.preprocess && self.border == DensityBorder::PointSampled;
-        if spreads && self.border_size() > Self::MAX_BORDER_SIZE {
-            return Err(DensitySettingsError::BorderSize {
-                filter_size: self.filter_size,
-                lod_skip: self.lod_skip,
-                found: self.border_size(),
+        // Follows from two numbers, each of which has to make sense first.
+        let is_told = filter_size.is_some() || lod_skip.is_some();
+        let border =
+            (!is_told && spreads && self.border_size() > Self::MAX_BORDER_SIZE).then(|| {
+                DensitySettingsError::BorderSize {
+                    filter_size: self.filter_size,
+                    lod_skip: self.lod_skip,
+                    found: self.border_size(),
+                }
             });
-        }
-        Ok(())
+        let gain = real("gain", self.gain, Self::GAIN_RANGE);
+        let exponent = real("exponent", self.exponent, Self::EXPONENT_RANGE);
+        [gain, exponent, filter_size, lod_skip, border]
+            .into_iter()
+            .flatten()
     }
 
     /// Side of the square whose largest density a texel on a tile's border takes, equation 3.8.
@@ -167,7 +177,7 @@ pub enum DensityFilter {
 }
 
 impl DensityFilter {
-    /// All filters.
+    /// All filters, in the order in which the tool lists them.
     pub const ALL: [Self; 6] = [
         Self::SecondOrder,
         Self::Gaussian,
@@ -226,7 +236,7 @@ pub enum DensityBorder {
 }
 
 impl DensityBorder {
-    /// All schemes.
+    /// All schemes, in the order in which the tool lists them.
     pub const ALL: [Self; 2] = [Self::None, Self::PointSampled];
 
     /// The scheme's name on the command line.

@@ -188,13 +188,11 @@ impl TerrainDetail {
             });
             default.octaves
         };
-        let rule = match self.rule.validate() {
-            Ok(()) => self.rule,
-            Err(error) => {
-                refused(error);
-                default.rule
-            }
-        };
+        let mut rule = self.rule;
+        for error in self.rule.faults() {
+            refused(error);
+            rule = default.rule;
+        }
         Self {
             amplitude_m,
             wavelength_m,
@@ -221,34 +219,40 @@ impl DetailRule {
     /// # Errors
     /// For the first that can't.
     pub fn validate(self) -> Result<(), TerrainDetailError> {
+        self.faults().next().map_or(Ok(()), Err)
+    }
+
+    /// Everything that is wrong with it: its two numbers, or where both are good what they make
+    /// together.
+    fn faults(self) -> impl Iterator<Item = TerrainDetailError> {
         let apart = |from: f32, to: f32, least| {
-            if (to - from).abs() >= least {
-                Ok(())
-            } else {
-                Err(TerrainDetailError::RuleTooNarrow { from, to, least })
-            }
+            let is_apart = (to - from).abs() >= least;
+            (!is_apart).then_some(TerrainDetailError::RuleTooNarrow { from, to, least })
         };
-        match self {
-            Self::Everywhere => Ok(()),
-            Self::Slope { from_deg, to_deg } => {
-                in_range("rule.from_deg", from_deg, Self::ANGLE_RANGE)?;
-                in_range("rule.to_deg", to_deg, Self::ANGLE_RANGE)?;
-                apart(from_deg, to_deg, Self::LEAST_DEG)
-            }
-            Self::Height { from_m, to_m } => {
-                in_range("rule.from_m", from_m, Self::HEIGHT_RANGE)?;
-                in_range("rule.to_m", to_m, Self::HEIGHT_RANGE)?;
-                apart(from_m, to_m, Self::LEAST_M)
-            }
-            Self::InverseHeight { full_m, none_m } => {
-                in_range("rule.full_m", full_m, Self::HEIGHT_RANGE)?;
-                in_range("rule.none_m", none_m, Self::HEIGHT_RANGE)?;
+        let (first, second, together) = match self {
+            Self::Everywhere => (None, None, None),
+            Self::Slope { from_deg, to_deg } => (
+                in_range("rule.from_deg", from_deg, Self::ANGLE_RANGE).err(),
+                in_range("rule.to_deg", to_deg, Self::ANGLE_RANGE).err(),
+                apart(from_deg, to_deg, Self::LEAST_DEG),
+            ),
+            Self::Height { from_m, to_m } => (
+                in_range("rule.from_m", from_m, Self::HEIGHT_RANGE).err(),
+                in_range("rule.to_m", to_m, Self::HEIGHT_RANGE).err(),
+                apart(from_m, to_m, Self::LEAST_M),
+            ),
+            Self::InverseHeight { full_m, none_m } => (
+                in_range("rule.full_m", full_m, Self::HEIGHT_RANGE).err(),
+                in_range("rule.none_m", none_m, Self::HEIGHT_RANGE).err(),
                 if full_m > none_m {
-                    return Err(TerrainDetailError::RuleUpsideDown { full_m, none_m });
-                }
-                apart(none_m, full_m, Self::LEAST_M)
-            }
-        }
+                    Some(TerrainDetailError::RuleUpsideDown { full_m, none_m })
+                } else {
+                    apart(none_m, full_m, Self::LEAST_M)
+                },
+            ),
+        };
+        let together = together.filter(|_| first.is_none() && second.is_none());
+        [first, second, together].into_iter().flatten()
     }
 }
 

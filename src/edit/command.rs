@@ -8,7 +8,7 @@ use bevy::prelude::*;
 use thiserror::Error;
 
 /// How far a crater reaches beyond its bowl: its rim falls off up to there.
-const CRATER_REACH: f64 = 1.6;
+pub(crate) const CRATER_REACH: f64 = 1.6;
 /// Points of the grid that smooth ground is captured on, per reach.
 const SMOOTH_POINTS: f64 = 8.0;
 
@@ -23,18 +23,19 @@ pub struct Crater {
     pub at: Vec3,
     /// The terrain; `None` takes the one whose ground is nearest.
     pub terrain: Option<Entity>,
-    /// Radius of the bowl, where it crosses the ground. What is less than a sample of the terrain
+    /// Radius of the bowl, where it crosses the ground, metres. What is less than a sample of the terrain
     /// becomes one; more than 320 samples is refused.
     pub radius_m: f32,
-    /// How much lower the centre gets, 0 or more.
+    /// How much lower the centre gets, metres, 0 or more.
     pub depth_m: f32,
-    /// How much higher the rim gets, 0 or more.
+    /// How much higher the rim gets, metres, 0 or more.
     pub rim_m: f32,
     /// How rough the outline is, 0 to 1.
     pub roughness: f32,
     /// What the outline's noise is made of.
     pub seed: u32,
-    /// The artist's factor: what densities in the crater are at least, for each metre of depth.
+    /// The artist's factor: what densities in the crater are at least, for each metre of depth (Cervin
+    /// 2012, section 3.5); 0 or more.
     pub density_per_m: f32,
     /// How strongly the ground is scorched, 0 to 1.
     pub scorch: f32,
@@ -71,13 +72,13 @@ impl Crater {
         }
     }
 
-    /// Another depth.
+    /// The same with another depth in metres, 0 or more.
     #[must_use]
     pub const fn depth(self, depth_m: f32) -> Self {
         Self { depth_m, ..self }
     }
 
-    /// Another height of the rim.
+    /// The same with another height of the rim in metres, 0 or more.
     #[must_use]
     pub const fn rim(self, rim_m: f32) -> Self {
         Self { rim_m, ..self }
@@ -117,13 +118,13 @@ pub struct Raise {
     pub at: Vec3,
     /// The terrain; `None` takes the one whose ground is nearest.
     pub terrain: Option<Entity>,
-    /// Beyond it nothing changes; at most 512 samples of the terrain.
+    /// Beyond it nothing changes; metres, above 0, at most 512 samples of the terrain.
     pub radius_m: f32,
-    /// How much higher the centre gets; negative lowers it.
+    /// How much higher the centre gets, metres; negative lowers it.
     pub by_m: f32,
     /// The part of the radius within which the change is whole, 0 to 1.
     pub hardness: f32,
-    /// As in [`Crater::density_per_m`].
+    /// What densities are there at least, for each metre of change; as in [`Crater::density_per_m`].
     pub density_per_m: f32,
 }
 
@@ -141,13 +142,13 @@ impl Raise {
         }
     }
 
-    /// Within another radius.
+    /// Within another radius in metres, above 0.
     #[must_use]
     pub const fn radius(self, radius_m: f32) -> Self {
         Self { radius_m, ..self }
     }
 
-    /// By this much; negative lowers.
+    /// By this many metres; negative lowers.
     #[must_use]
     pub const fn by(self, by_m: f32) -> Self {
         Self { by_m, ..self }
@@ -177,7 +178,7 @@ pub struct Flatten {
     pub at: Vec3,
     /// The terrain; `None` takes the one whose ground is nearest.
     pub terrain: Option<Entity>,
-    /// Beyond it nothing changes; at most 512 samples of the terrain.
+    /// Beyond it nothing changes; metres, above 0, at most 512 samples of the terrain.
     pub radius_m: f32,
     /// How far the ground is drawn there, 0 to 1.
     pub strength: f32,
@@ -198,7 +199,7 @@ impl Flatten {
         }
     }
 
-    /// Within another radius.
+    /// Within another radius in metres, above 0.
     #[must_use]
     pub const fn radius(self, radius_m: f32) -> Self {
         Self { radius_m, ..self }
@@ -234,7 +235,7 @@ pub struct Smooth {
     pub at: Vec3,
     /// The terrain; `None` takes the one whose ground is nearest.
     pub terrain: Option<Entity>,
-    /// Beyond it nothing changes; at most 512 samples of the terrain.
+    /// Beyond it nothing changes; metres, above 0, at most 512 samples of the terrain.
     pub radius_m: f32,
     /// How far the ground is drawn there, 0 to 1.
     pub strength: f32,
@@ -255,7 +256,7 @@ impl Smooth {
         }
     }
 
-    /// Within another radius.
+    /// Within another radius in metres, above 0.
     #[must_use]
     pub const fn radius(self, radius_m: f32) -> Self {
         Self { radius_m, ..self }
@@ -292,14 +293,14 @@ pub struct Stamp {
     pub terrain: Option<Entity>,
     /// The image; edits share it.
     pub image: StampImage,
-    /// Its side.
+    /// The length of its side, metres, above 0; half its diagonal is at most 512 samples of the terrain.
     pub side_m: f32,
-    /// What a full sample of it adds; negative digs.
+    /// What a full sample of it adds, metres; negative digs.
     pub by_m: f32,
     /// How far the image's x axis is turned from the terrain's, in radians about the vertical, from
     /// x to z.
     pub turn: f32,
-    /// As in [`Crater::density_per_m`].
+    /// What densities are there at least, for each metre of change; as in [`Crater::density_per_m`].
     pub density_per_m: f32,
     /// How strongly the ground is scorched where the image isn't 0, 0 to 1.
     pub scorch: f32,
@@ -321,13 +322,13 @@ impl Stamp {
         }
     }
 
-    /// With another side.
+    /// With another side in metres, above 0.
     #[must_use]
     pub fn side(self, side_m: f32) -> Self {
         Self { side_m, ..self }
     }
 
-    /// Adding this much where the image is full; negative digs.
+    /// Adding this many metres where the image is full; negative digs.
     #[must_use]
     pub fn by(self, by_m: f32) -> Self {
         Self { by_m, ..self }
@@ -385,7 +386,7 @@ pub enum EditRefusal {
         /// What to do.
         wanted: &'static str,
     },
-    /// Too large.
+    /// The edit would reach further than an edit may.
     #[error("{edit}::{name} is {value} m: on this terrain {most} m is the most")]
     TooLarge {
         /// The command.

@@ -69,7 +69,7 @@ impl TerrainEdits {
     }
 
     /// A number that no other log has had since the program started.
-    pub(super) const fn instance(&self) -> u64 {
+    pub(crate) const fn instance(&self) -> u64 {
         self.instance
     }
 }

@@ -28,7 +28,7 @@ pub enum EditOp {
 pub struct EditRecord {
     /// Its number: the first record has 1, and none is left out.
     pub sequence: u64,
-    /// What it says.
+    /// What it says: an edit, or that one is taken back or made again.
     pub op: EditOp,
 }
 
@@ -548,6 +548,12 @@ impl EditLog {
     /// Drops a tile's snapshot, one that can't be used for example, and returns it.
     pub fn remove_snapshot(&mut self, address: TileAddress) -> Option<TileSnapshot> {
         self.snapshots.remove(address)
+    }
+
+    /// How many tiles have a snapshot.
+    #[must_use]
+    pub fn snapshot_count(&self) -> usize {
+        self.snapshots.len()
     }
 
     /// All snapshots, sorted by tile.

@@ -31,6 +31,8 @@ mod snapshot;
 mod tile;
 
 pub use change::{CapturedGround, Change, EDIT_UNITS, Edit, MAX_REACH, MIN_REACH, StampImage};
+#[cfg(feature = "egui")]
+pub(crate) use command::CRATER_REACH;
 #[cfg(feature = "ecs")]
 pub use command::{Crater, EditRefusal, Flatten, Raise, Smooth, Stamp};
 #[cfg(feature = "ecs")]

@@ -331,7 +331,7 @@ fn mean(
 }
 
 impl EditRaster {
-    /// The edit.
+    /// The edit that is being applied.
     #[must_use]
     pub fn edit(&self) -> &Edit {
         &self.edit

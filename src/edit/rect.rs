@@ -25,7 +25,7 @@ impl SampleRect {
         self.min[0] >= self.max[0] || self.min[1] >= self.max[1]
     }
 
-    /// Columns and rows.
+    /// Columns and rows of samples; 0 where it is empty.
     #[must_use]
     pub fn size(&self) -> [usize; 2] {
         [0, 1].map(|axis| (i64::from(self.max[axis]) - i64::from(self.min[axis])).max(0) as usize)

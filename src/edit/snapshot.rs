@@ -8,7 +8,7 @@ use std::sync::Arc;
 /// A tile as it is with all active edits up to a number of the log applied.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TileSnapshot {
-    /// The tile.
+    /// The tile whose state it is.
     pub address: TileAddress,
     /// The log's last sequence number when it was taken.
     pub sequence: u64,
@@ -45,6 +45,10 @@ impl Snapshots {
     pub(super) fn drop_stale(&mut self, sequence: u64, rect: &SampleRect) {
         self.tiles
             .retain(|_, snapshot| !is_stale(snapshot, sequence, rect));
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.tiles.len()
     }
 
     /// All of them, by tile.

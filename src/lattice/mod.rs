@@ -25,6 +25,7 @@ use crate::tile::TILE_SAMPLES;
 #[cfg(feature = "ecs")]
 use bevy::prelude::ReflectDefault;
 use glam::IVec2;
+use std::ops::RangeInclusive;
 
 /// One in the 16.16 fixed point of morphs, levels of detail and edge parameters.
 pub const ONE: i32 = 1 << 16;
@@ -112,7 +113,7 @@ impl Lattice {
         faces_per_side: u32,
     ) -> Result<Self, LatticeError> {
         let faces_log2 = faces_log2(faces_per_side)?;
-        if !(-8..=0).contains(&leaf_level) {
+        if !LEAF_LEVEL_RANGE.contains(&leaf_level) {
             return Err(LatticeError::LeafLevel(leaf_level));
         }
         let too_large = LatticeError::TooLarge { levels, leaf_level };
@@ -156,6 +157,10 @@ impl Lattice {
     }
 
     /// Lattice units along the side of a node of `level`, as a power of two.
+    ///
+    /// # Panics
+    /// Where `level` is so far below 0 that a node would be smaller than a unit; the lattice's own levels
+    /// never are.
     #[must_use]
     pub const fn node_log2(&self, level: i32) -> u32 {
         (TILE_SAMPLES.ilog2() + self.unit_log2)
@@ -208,7 +213,7 @@ impl Lattice {
     }
 
     /// Control vertex `(i, j)` of the node of `level` with corner `origin`, slid onto the next
-    /// coarser grid as far as its morph says.
+    /// coarser grid as far as its morph says (Strugar 2009); a lattice point.
     ///
     /// Even vertices stay; odd ones have slid all the way where the node may meet a coarser one.
     #[must_use]
@@ -221,12 +226,17 @@ impl Lattice {
     }
 }
 
+/// Numbers of control faces along a node's side that are accepted.
+pub const FACES_PER_SIDE: [u32; 5] = [2, 4, 8, 16, 32];
+/// Finest levels of the geometry that are accepted, where the terrain isn't too large for them.
+pub const LEAF_LEVEL_RANGE: RangeInclusive<i32> = -8..=0;
+
 /// `faces_per_side` as a power of two.
 ///
 /// # Errors
 /// Where it is none, or not in 2..=32.
 pub fn faces_log2(faces_per_side: u32) -> Result<u32, LatticeError> {
-    if !faces_per_side.is_power_of_two() || !(2..=32).contains(&faces_per_side) {
+    if !FACES_PER_SIDE.contains(&faces_per_side) {
         return Err(LatticeError::FacesPerSide(faces_per_side));
     }
     Ok(faces_per_side.ilog2())
@@ -234,6 +244,9 @@ pub fn faces_log2(faces_per_side: u32) -> Result<u32, LatticeError> {
 
 /// `d * t / ONE`, rounded down, split so that 32 bits hold every product: `d` within 30 bits,
 /// `t` in `0..=ONE`. The same integer on every machine.
+///
+/// # Panics
+/// Where `d` is so large that the product overflows; with `d` and `t` in their ranges it can't.
 #[must_use]
 pub fn scale(d: i32, t: i32) -> i32 {
     debug_assert!((0..=ONE).contains(&t), "edge parameter {t} is not in 0..=1");
@@ -244,13 +257,17 @@ pub fn scale(d: i32, t: i32) -> i32 {
     high + low.cast_signed()
 }
 
-/// The point `t / ONE` of the way from `a` to `b`.
+/// The point `t / ONE` of the way from `a` to `b`; `t` in `0..=ONE`.
+///
+/// # Panics
+/// As [`scale`].
 #[must_use]
 pub fn lerp(a: IVec2, b: IVec2, t: i32) -> IVec2 {
     a + IVec2::new(scale(b.x - a.x, t), scale(b.y - a.y, t))
 }
 
-/// How far a level reaches and over which part of that it morphs.
+/// How far a level reaches and over which part of that it morphs (CDLOD: Strugar 2009; Cervin 2012,
+/// section 1.1.4). Both count node sizes, so that they mean the same on every level.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "ecs",
@@ -258,10 +275,11 @@ pub fn lerp(a: IVec2, b: IVec2, t: i32) -> IVec2 {
     reflect(Default, Clone)
 )]
 pub struct LodSettings {
-    /// `R`: distance out to which a level is used, in node sizes of that level.
+    /// `R`: distance out to which a level is used, in node sizes of that level; 2 to 32, and at least
+    /// `2 + 2 Z`.
     pub reach: f32,
     /// `Z`: length of the zone before that in which it morphs to the next level, in node sizes;
-    /// a power of two, so that the morph needs a shift and no division.
+    /// a power of two from 1/16 to 4, so that the morph needs a shift and no division.
     pub morph: f32,
 }
 
@@ -276,16 +294,21 @@ impl Default for LodSettings {
 }
 
 impl LodSettings {
+    /// Reaches that are accepted, in node sizes; with a long morph zone only from `2 + 2 Z` on.
+    pub const REACH_RANGE: RangeInclusive<f32> = 2.0..=32.0;
+    /// Lengths of the morph zone that are accepted, in node sizes.
+    pub const MORPHS: [f32; 7] = [0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0];
+
     /// Checks `R >= 2 + 2 Z` and the ranges of both.
     ///
     /// # Errors
     /// Names the number that is out of range and the nearest that isn't.
     pub fn validate(&self) -> Result<(), LatticeError> {
         let Self { reach, morph } = *self;
-        if !(0.0625..=4.0).contains(&morph) || morph.log2().fract() != 0.0 {
+        if !Self::MORPHS.contains(&morph) {
             return Err(LatticeError::Morph(morph));
         }
-        if !(2.0..=32.0).contains(&reach) {
+        if !Self::REACH_RANGE.contains(&reach) {
             return Err(LatticeError::Reach(reach));
         }
         let least = 2.0 + 2.0 * morph;
@@ -359,7 +382,8 @@ impl ViewLod {
         Ok(lod)
     }
 
-    /// Chebyshev distance in the plane from the eye to `p`, at least the view's floor.
+    /// Chebyshev distance in the plane from the eye to `p`, at least the view's floor, in lattice
+    /// units (Cervin 2012, section 1.1.4).
     #[must_use]
     pub fn distance(&self, p: IVec2) -> i32 {
         if !self.planar {
@@ -368,7 +392,7 @@ impl ViewLod {
         (p - self.eye).abs().max_element().max(self.floor)
     }
 
-    /// The least distance of any point of the box `low..=high`.
+    /// The least distance of any point of the box `low..=high`, in lattice units.
     #[must_use]
     pub fn box_distance(&self, low: IVec2, high: IVec2) -> i32 {
         if !self.planar {
@@ -378,7 +402,8 @@ impl ViewLod {
         outside.max_element().max(self.floor)
     }
 
-    /// How far `p` has moved from `level`'s grid to the next coarser one, `0..=ONE`.
+    /// How far `p` has moved from `level`'s grid to the next coarser one, `0..=ONE`: the morph factor
+    /// of CDLOD (Strugar 2009), linear in the distance over the morph zone.
     #[must_use]
     pub fn morph(&self, lattice: &Lattice, p: IVec2, level: i32) -> i32 {
         let index = lattice.level_index(level);

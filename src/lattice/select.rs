@@ -15,9 +15,9 @@ pub struct Node {
 /// The part of a node that lies on the terrain, in lattice units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NodeBounds {
-    /// First lattice point.
+    /// Its first lattice point, the least in x and z.
     pub low: IVec2,
-    /// Last lattice point.
+    /// Its last lattice point, the greatest in x and z.
     pub high: IVec2,
 }
 
@@ -34,7 +34,7 @@ impl Node {
 impl ViewLod {
     /// Calls `visit` for every node that this view draws, coarse quadrants before fine ones.
     ///
-    /// CDLOD selection: a node is split while it reaches into the range of the next finer level.
+    /// CDLOD's selection (Strugar 2009): a node is split while it reaches into the range of the next finer level.
     /// `keep` may drop a node, and all below it, that no view sees; it is given the level and the
     /// part of the node that lies on the terrain. Cost: a few nanoseconds a node.
     pub fn select(

@@ -195,7 +195,7 @@ impl MeshSettings {
     }
 }
 
-/// What was written.
+/// What [`export_mesh`] wrote.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct MeshReport {

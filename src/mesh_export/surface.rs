@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, HashMap};
 /// A corner of a [`Surface`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceVertex {
-    /// Lattice point.
+    /// Its lattice point, in lattice units from the terrain's first sample.
     pub point: IVec2,
     /// Height in metres above the terrain's origin.
     pub height_m: f32,
@@ -24,9 +24,9 @@ pub struct SurfaceVertex {
 pub struct Surface {
     /// Metres per lattice unit.
     pub unit_m: f64,
-    /// The corners.
+    /// The corners, each once.
     pub vertices: Vec<SurfaceVertex>,
-    /// The triangles.
+    /// The triangles, as numbers of corners, counter-clockwise from above.
     pub triangles: Vec<[u32; 3]>,
 }
 

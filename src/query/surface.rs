@@ -92,7 +92,7 @@ struct Held<'a> {
 }
 
 impl<'a, S: GroundSource + ?Sized> GroundReader<'a, S> {
-    /// Reads from `source`.
+    /// Asks the ground that `source` holds. Costs nothing; tiles are looked up with each question.
     #[must_use]
     pub fn new(source: &'a S) -> Self {
         Self {

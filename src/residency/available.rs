@@ -36,7 +36,7 @@ impl Availability {
         new
     }
 
-    /// Number of levels.
+    /// Number of levels, those of the terrain's tiles.
     #[must_use]
     pub fn levels(&self) -> u8 {
         self.stored.levels()

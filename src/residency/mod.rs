@@ -79,7 +79,7 @@ pub struct EyePath {
 /// cut scene's first view, a server's players.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PinnedRegion {
-    /// First lattice point.
+    /// Its first lattice point, the least in x and z.
     pub low: IVec2,
     /// One past the last lattice point; a region with none is empty.
     pub high: IVec2,
@@ -90,11 +90,11 @@ pub struct PinnedRegion {
 /// A terrain, as a [`Planner`] sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct PlanTerrain<'a> {
-    /// The terrain's lattice.
+    /// The terrain's lattice, which tells what its views reach.
     pub lattice: &'a Lattice,
     /// What can be had of it. Without its root nothing can.
     pub available: &'a Availability,
-    /// What is resident.
+    /// Which of its tiles are resident.
     pub resident: &'a ResidentTiles,
     /// The eyes that look at it.
     pub eyes: &'a [EyePath],

@@ -48,7 +48,7 @@ impl PageTable {
         &self.flat
     }
 
-    /// Number of levels.
+    /// Number of levels, those of the terrain's tiles.
     #[must_use]
     pub fn levels(&self) -> u8 {
         self.levels.len() as u8

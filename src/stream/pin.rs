@@ -80,10 +80,10 @@ impl TerrainRegion {
 #[reflect(Component, Debug, Clone, PartialEq)]
 #[require(TerrainPinProgress)]
 pub struct TerrainPin {
-    /// The terrain.
+    /// The terrain whose ground is pinned.
     #[entities]
     pub terrain: Entity,
-    /// What is pinned.
+    /// Which part of it, in metres of its own x and z.
     pub region: TerrainRegion,
     /// The finest level that is pinned; 0 pins everything down to the samples.
     pub finest_level: u8,
@@ -114,7 +114,8 @@ pub struct TerrainPinProgress {
 }
 
 impl TerrainPinProgress {
-    /// From 0 to 1.
+    /// The part of the region's tiles that are resident or have failed, 0 to 1; 0 until the manifest
+    /// has loaded.
     #[must_use]
     pub fn fraction(&self) -> f32 {
         if self.wanted == 0 {

@@ -2,6 +2,7 @@
 
 use crate::tile::{DENSITY_STORED, DENSITY_TEXELS, TILE_STORED};
 use bevy::prelude::*;
+use std::ops::RangeInclusive;
 use thiserror::Error;
 
 /// Bytes that a page takes on the GPU: heights, gradients, densities and error bounds.
@@ -48,10 +49,10 @@ pub struct TerrainStreaming {
     /// How far ahead along their velocity eyes are followed, 0 to 60 s: tiles are asked for that
     /// long before they are needed.
     pub lookahead_s: f32,
-    /// How long a tile may take to load before it counts as failed, above 0. A source that never
+    /// How long a tile may take to load before it counts as failed, seconds, above 0. A source that never
     /// answers would block all others.
     pub load_timeout_s: f32,
-    /// After how long a tile or a manifest that could not be read is asked for again, above 0.
+    /// After how long a tile or a manifest that could not be read is asked for again, seconds, above 0.
     /// Doubles with every failure, up to 32 times as long.
     pub retry_s: f32,
 }
@@ -101,6 +102,19 @@ pub enum TerrainStreamingError {
 }
 
 impl TerrainStreaming {
+    /// Bytes of GPU memory that are accepted.
+    pub const PAGE_BYTES_RANGE: RangeInclusive<u64> = PAGE_BYTES..=MAX_PAGES * PAGE_BYTES;
+    /// Bytes of main memory that are accepted.
+    pub const TILE_BYTES_RANGE: RangeInclusive<u64> = TILE_BYTES..=u64::MAX;
+    /// Numbers of tiles read at once that are accepted.
+    pub const LOADS_RANGE: RangeInclusive<u32> = 1..=1 << 10;
+    /// Bytes uploaded in a frame that are accepted.
+    pub const UPLOAD_BYTES_RANGE: RangeInclusive<u64> = PAGE_BYTES..=u64::MAX;
+    /// Times ahead of eyes that are accepted, in seconds.
+    pub const LOOKAHEAD_RANGE: RangeInclusive<f32> = 0.0..=60.0;
+    /// What is accepted as `load_timeout_s` and `retry_s`, in seconds.
+    pub const PATIENCE_RANGE: RangeInclusive<f32> = f32::MIN_POSITIVE..=1e9;
+
     /// The defaults with room for so many pages, and for as many tiles.
     #[must_use]
     pub fn with_pages(pages: u32) -> Self {
@@ -135,10 +149,11 @@ impl TerrainStreaming {
     #[must_use]
     pub fn checked(&self, mut refused: impl FnMut(TerrainStreamingError)) -> Self {
         let default = Self::default();
-        let mut size = |name, value: u64, (least, most): (u64, u64), default: u64| {
-            if (least..=most).contains(&value) {
+        let mut size = |name, value: u64, range: RangeInclusive<u64>, default: u64| {
+            if range.contains(&value) {
                 return value;
             }
+            let (least, most) = range.into_inner();
             refused(TerrainStreamingError::Size {
                 name,
                 value,
@@ -150,32 +165,33 @@ impl TerrainStreaming {
         let page_bytes = size(
             "page_bytes",
             self.page_bytes,
-            (PAGE_BYTES, MAX_PAGES * PAGE_BYTES),
+            Self::PAGE_BYTES_RANGE,
             default.page_bytes,
         );
         let tile_bytes = size(
             "tile_bytes",
             self.tile_bytes,
-            (TILE_BYTES, u64::MAX),
+            Self::TILE_BYTES_RANGE,
             default.tile_bytes,
         );
         let loads_in_flight = size(
             "loads_in_flight",
             self.loads_in_flight.into(),
-            (1, 1 << 10),
+            (*Self::LOADS_RANGE.start()).into()..=(*Self::LOADS_RANGE.end()).into(),
             default.loads_in_flight.into(),
         ) as u32;
         let upload_bytes_per_frame = size(
             "upload_bytes_per_frame",
             self.upload_bytes_per_frame,
-            (PAGE_BYTES, u64::MAX),
+            Self::UPLOAD_BYTES_RANGE,
             default.upload_bytes_per_frame,
         );
-        let mut time = |name, value: f32, (least, most): (f32, f32), default: f32| {
+        let mut time = |name, value: f32, range: RangeInclusive<f32>, default: f32| {
             // Not a number is in no range.
-            if (least..=most).contains(&value) {
+            if range.contains(&value) {
                 return value;
             }
+            let (least, most) = range.into_inner();
             refused(TerrainStreamingError::Time {
                 name,
                 value,
@@ -187,17 +203,21 @@ impl TerrainStreaming {
         let lookahead_s = time(
             "lookahead_s",
             self.lookahead_s,
-            (0.0, 60.0),
+            Self::LOOKAHEAD_RANGE,
             default.lookahead_s,
         );
-        let positive = (f32::MIN_POSITIVE, 1e9);
         let load_timeout_s = time(
             "load_timeout_s",
             self.load_timeout_s,
-            positive,
+            Self::PATIENCE_RANGE,
             default.load_timeout_s,
         );
-        let retry_s = time("retry_s", self.retry_s, positive, default.retry_s);
+        let retry_s = time(
+            "retry_s",
+            self.retry_s,
+            Self::PATIENCE_RANGE,
+            default.retry_s,
+        );
         Self {
             page_bytes,
             tile_bytes,

@@ -366,6 +366,11 @@ impl TerrainState {
         self.residency.resident_count()
     }
 
+    /// The tiles that are resident, in no order. Cost: a pass over the pages.
+    pub fn residents(&self) -> impl Iterator<Item = TileAddress> {
+        self.residency.residents().map(|(_, address)| address)
+    }
+
     /// Tiles that were asked for and are not resident yet.
     #[must_use]
     pub const fn loading_count(&self) -> usize {
@@ -400,6 +405,26 @@ impl TerrainState {
     /// are asked for again from time to time.
     pub fn failed(&self) -> impl ExactSizeIterator<Item = TileAddress> {
         self.failed.keys().copied()
+    }
+
+    /// Why a tile can't be read, in a sentence; `None` where it wasn't tried, or could be.
+    #[must_use]
+    pub fn failure(&self, address: TileAddress) -> Option<&str> {
+        let failure = self.failed.get(&address)?;
+        Some(&failure.reason)
+    }
+
+    /// Tiles that turned out to be missing or corrupt and haven't been read since.
+    #[must_use]
+    pub fn failed_count(&self) -> usize {
+        self.failed.len()
+    }
+
+    /// Changes whenever [`failed`](Self::failed) does; begins anew with every
+    /// [`instance`](Self::instance).
+    #[must_use]
+    pub const fn failures_version(&self) -> u64 {
+        self.failures_version
     }
 
     /// Whether a tile can't be read, or one that it lies in.

@@ -11,7 +11,8 @@ use super::{TileData, TileOf, TilePage};
 use crate::edit::{EditLog, TerrainEdits};
 use crate::residency::{PlanTerrain, Planner, levels_short};
 use crate::terrain::{
-    TerrainFailed, TerrainReady, TerrainSettings, TileEvicted, TileFailed, TileLoaded,
+    TerrainCpuStage, TerrainCpuTimes, TerrainFailed, TerrainReady, TerrainSettings, TileEvicted,
+    TileFailed, TileLoaded,
 };
 use crate::tile::{TerrainTile, TileAddress};
 use crate::view::TerrainViews;
@@ -47,10 +48,11 @@ pub struct TerrainStreamer {
     lives: [Vec<u64>; 2],
     loading: usize,
     last_frame: Duration,
+    activated: u64,
 }
 
 impl TerrainStreamer {
-    /// Pages in use.
+    /// Pages in use, of all terrains.
     #[must_use]
     pub const fn pages_used(&self) -> u32 {
         self.pool.used()
@@ -81,6 +83,13 @@ impl TerrainStreamer {
         self.loading
     }
 
+    /// Tiles that have been given a page since the app started, those counted again that came back.
+    /// Each is [`TILE_BYTES`](super::TILE_BYTES) long once it is read.
+    #[must_use]
+    pub const fn tiles_activated(&self) -> u64 {
+        self.activated
+    }
+
     /// CPU time that streaming took in the latest frame, without what reading takes in the
     /// background.
     #[must_use]
@@ -105,6 +114,7 @@ pub(super) fn retry_after_s(retry_s: f32, attempts: u32) -> f64 {
 pub(crate) struct Outside<'w, 's> {
     settings: Res<'w, TerrainStreaming>,
     pub(super) time: Res<'w, Time<Real>>,
+    times: Res<'w, TerrainCpuTimes>,
     server: Res<'w, AssetServer>,
     tiles: Res<'w, Assets<TerrainTile>>,
     changes: MessageReader<'w, 's, AssetEvent<TerrainTile>>,
@@ -134,6 +144,8 @@ pub(crate) fn stream_tiles(
 ) {
     let _span = bevy::log::debug_span!("terrain_stream").entered();
     let began = Instant::now();
+    let times = outside.times.clone();
+    let _time = times.measure(TerrainCpuStage::Stream);
     let streamer = &mut *streamer;
     let outside = &mut outside;
     streamer.take_settings(&outside.settings);
@@ -326,6 +338,7 @@ impl TerrainStreamer {
                 state.loading[at].arrival = Some(state.kept(content, edits.log()));
                 return;
             };
+            self.activated += 1;
             let Loading { handle, .. } = state.loading.swap_remove(at);
             self.cache.forget(handle.id());
             state.spawn_tile(

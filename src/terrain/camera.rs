@@ -1,9 +1,12 @@
 //! The component that makes a camera see terrains.
 
-use crate::lattice::{DEFAULT_FACES_PER_SIDE, LatticeError, LodSettings, faces_log2};
+use crate::lattice::{
+    DEFAULT_FACES_PER_SIDE, FACES_PER_SIDE, LatticeError, LodSettings, faces_log2,
+};
 use crate::tessellate::Partitioning;
 use crate::view::TerrainViews;
 use bevy::prelude::*;
+use std::ops::RangeInclusive;
 use thiserror::Error;
 
 /// Makes a camera see terrains, and terrains stream around it.
@@ -29,7 +32,7 @@ pub struct TerrainCamera {
     /// What decides how finely the ground is cut.
     pub policy: TessellationPolicy,
     /// Wanted length of a triangle's edge on the screen where the ground is roughest, in pixels,
-    /// 1 to 256. Triangles grow with the inverse square of it.
+    /// 1 to 256 (Cantlay 2011, figure 6). The number of triangles falls with up to the square of it.
     pub triangle_width_px: f32,
     /// The most segments that an edge of a control face is cut into, 1 to 64. With 1 nothing is
     /// tessellated.
@@ -38,13 +41,14 @@ pub struct TerrainCamera {
     /// for the spacing of the finest samples, beyond which there is nothing to be seen.
     pub min_triangle_m: Option<f32>,
     /// How far the density map counts, from 0 (not at all: triangles of one size everywhere) to 1
-    /// (in full: none where the map says that the ground is plain).
+    /// (in full: none where the map says that the ground is plain; Cervin 2012, algorithm 3.1).
     pub density: f32,
     /// How real factors become whole segments.
     pub partitioning: Partitioning,
     /// The most vertices that this camera's view may have, 1024 to 2²⁴. Where it wants more, all
     /// factors of the view are lowered together until they fit. A vertex takes 40 bytes of GPU
-    /// memory, its triangles included.
+    /// memory, its triangles included. The device's largest storage buffer may allow fewer:
+    /// 5.6 million within WebGPU's limits.
     pub max_vertices: u32,
 }
 
@@ -83,6 +87,11 @@ pub enum TessellationPolicy {
     },
 }
 
+impl TessellationPolicy {
+    /// Errors that [`ScreenError`](Self::ScreenError) accepts, in pixels.
+    pub const MAX_PX_RANGE: RangeInclusive<f32> = 0.1..=64.0;
+}
+
 /// What is wrong with a [`TerrainCamera`].
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
@@ -93,6 +102,13 @@ pub enum TerrainCameraError {
     /// The number of faces is no power of two, or out of its range.
     #[error("TerrainCamera::faces_per_side can't be used: {0}")]
     Faces(LatticeError),
+    /// The view may have too few or too many vertices.
+    #[error(
+        "TerrainCamera::max_vertices is {0}: use a number from {least} to {most}",
+        least = TerrainCamera::MAX_VERTICES_RANGE.start(),
+        most = TerrainCamera::MAX_VERTICES_RANGE.end()
+    )]
+    MaxVertices(u32),
     /// A number is out of its range.
     #[error("TerrainCamera::{name} is {value}: use a number from {least} to {most}")]
     Number {
@@ -108,17 +124,30 @@ pub enum TerrainCameraError {
 }
 
 impl TerrainCamera {
+    /// Numbers of faces along a node's side that are accepted.
+    pub const FACES_PER_SIDE: [u32; 5] = FACES_PER_SIDE;
+    /// Triangle widths that are accepted, in pixels.
+    pub const TRIANGLE_WIDTH_RANGE: RangeInclusive<f32> = 1.0..=256.0;
+    /// Largest factors that are accepted.
+    pub const MAX_FACTOR_RANGE: RangeInclusive<f32> = 1.0..=64.0;
+    /// Least lengths of an edge that are accepted, in metres.
+    pub const MIN_TRIANGLE_RANGE: RangeInclusive<f32> = f32::MIN_POSITIVE..=f32::MAX;
+    /// Weights of the density map that are accepted.
+    pub const DENSITY_RANGE: RangeInclusive<f32> = 0.0..=1.0;
+    /// Numbers of vertices that are accepted.
+    pub const MAX_VERTICES_RANGE: RangeInclusive<u32> = 1024..=1 << 24;
+
     /// These settings with every value that can't be used replaced by its default, each of which
     /// is given to `refused`. The systems work with the result, never with the raw values.
     #[must_use]
     pub fn checked(&self, mut refused: impl FnMut(TerrainCameraError)) -> Self {
         let default = Self::default();
-        let mut number = |name, value: f32, range: (f32, f32), default: f32| {
+        let mut number = |name, value: f32, range: RangeInclusive<f32>, default: f32| {
             // Not a number is in no range.
-            if (range.0..=range.1).contains(&value) {
+            if range.contains(&value) {
                 return value;
             }
-            let (least, most) = range;
+            let (least, most) = range.into_inner();
             refused(TerrainCameraError::Number {
                 name,
                 value,
@@ -130,45 +159,41 @@ impl TerrainCamera {
         let triangle_width_px = number(
             "triangle_width_px",
             self.triangle_width_px,
-            (1.0, 256.0),
+            Self::TRIANGLE_WIDTH_RANGE,
             default.triangle_width_px,
         );
         let max_factor = number(
             "max_factor",
             self.max_factor,
-            (1.0, 64.0),
+            Self::MAX_FACTOR_RANGE,
             default.max_factor,
         );
         let policy = match self.policy {
             TessellationPolicy::ScreenError { max_px } => TessellationPolicy::ScreenError {
-                max_px: number("policy.max_px", max_px, (0.1, 64.0), 1.0),
+                max_px: number(
+                    "policy.max_px",
+                    max_px,
+                    TessellationPolicy::MAX_PX_RANGE,
+                    1.0,
+                ),
             },
             policy @ TessellationPolicy::TriangleWidth => policy,
         };
-        let density = number("density", self.density, (0.0, 1.0), default.density);
+        let density = number(
+            "density",
+            self.density,
+            Self::DENSITY_RANGE,
+            default.density,
+        );
         let min_triangle_m = self.min_triangle_m.and_then(|metres| {
-            let checked = number(
-                "min_triangle_m",
-                metres,
-                (f32::MIN_POSITIVE, f32::MAX),
-                -1.0,
-            );
+            let checked = number("min_triangle_m", metres, Self::MIN_TRIANGLE_RANGE, -1.0);
             (checked > 0.0).then_some(checked)
         });
-        #[expect(
-            clippy::cast_precision_loss,
-            reason = "only for the message and the range, whose ends are exact"
-        )]
-        let vertices = number(
-            "max_vertices",
-            self.max_vertices as f32,
-            (1024.0, 16_777_216.0),
-            -1.0,
-        );
-        let max_vertices = if vertices < 0.0 {
-            default.max_vertices
-        } else {
+        let max_vertices = if Self::MAX_VERTICES_RANGE.contains(&self.max_vertices) {
             self.max_vertices
+        } else {
+            refused(TerrainCameraError::MaxVertices(self.max_vertices));
+            default.max_vertices
         };
         let faces_per_side = match faces_log2(self.faces_per_side) {
             Ok(_) => self.faces_per_side,
@@ -214,7 +239,7 @@ mod tests {
             max_factor: 65.0,
             min_triangle_m: Some(0.0),
             density: 1.5,
-            max_vertices: 0,
+            max_vertices: (1 << 24) + 1,
             ..default()
         };
         let mut errors = Vec::new();

@@ -4,6 +4,7 @@ use super::TerrainManifest;
 use crate::edit::TerrainEdits;
 use crate::stream::TerrainTiles;
 use bevy::prelude::*;
+use std::ops::RangeInclusive;
 use thiserror::Error;
 
 /// A terrain: spawn one with the handle of its manifest.
@@ -94,20 +95,28 @@ pub enum TerrainSettingsError {
 }
 
 impl TerrainSettings {
+    /// Finest levels that are accepted, where the terrain isn't too large for them.
+    pub const LEAF_LEVEL_RANGE: RangeInclusive<i32> = crate::lattice::LEAF_LEVEL_RANGE;
+    /// Numbers of root levels that are accepted.
+    pub const ROOT_LEVELS_RANGE: RangeInclusive<u8> = 1..=8;
+    /// Rates of fading that are accepted, in levels or pixels a second.
+    pub const FADE_RANGE: RangeInclusive<f32> = f32::MIN_POSITIVE..=f32::MAX;
+
     /// These settings with every value that can't be used replaced by its default, each of which
     /// is given to `refused`. `leaf_level` is left to
     /// [`Lattice::new`](crate::lattice::Lattice::new), which knows the terrain.
     #[must_use]
     pub fn checked(&self, mut refused: impl FnMut(TerrainSettingsError)) -> Self {
         let default = Self::default();
-        let root_levels = if (1..=8).contains(&self.root_levels) {
+        let root_levels = if Self::ROOT_LEVELS_RANGE.contains(&self.root_levels) {
             self.root_levels
         } else {
             refused(TerrainSettingsError::RootLevels(self.root_levels));
             default.root_levels
         };
         let mut fade = |name, value: f32, default: f32| {
-            if value > 0.0 {
+            // Not a number is in no range.
+            if Self::FADE_RANGE.contains(&value) {
                 return value;
             }
             refused(TerrainSettingsError::Fade { name, value });

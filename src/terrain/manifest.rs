@@ -55,7 +55,7 @@ pub struct ManifestFile {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "ecs", derive(bevy::asset::Asset, bevy::reflect::TypePath))]
 pub struct TerrainManifest {
-    /// What `terrain.ron` says.
+    /// What `terrain.ron` says: size, scale, levels, and how densities were made.
     pub file: ManifestFile,
     /// Which tiles exist, and the range of their heights.
     pub index: TileIndex,

@@ -5,6 +5,8 @@ mod camera;
 #[cfg(feature = "ecs")]
 mod component;
 #[cfg(feature = "ecs")]
+mod cpu_times;
+#[cfg(feature = "ecs")]
 mod events;
 #[cfg(feature = "ecs")]
 mod loader;
@@ -18,6 +20,8 @@ pub use crate::density::{DensityBorder, DensityFilter, DensitySettings, DensityS
 pub use camera::{TerrainCamera, TerrainCameraError, TessellationPolicy};
 #[cfg(feature = "ecs")]
 pub use component::{Terrain, TerrainSettings, TerrainSettingsError};
+#[cfg(feature = "ecs")]
+pub use cpu_times::{TerrainCpuStage, TerrainCpuTimes};
 #[cfg(feature = "ecs")]
 pub use events::{
     TerrainFailed, TerrainPinReady, TerrainReady, TerrainReloadFailed, TileEvicted, TileFailed,

@@ -16,7 +16,7 @@ const DISTANCE_MAX: f64 = (1_u32 << 30) as f64;
 /// walls too.
 #[derive(Clone, Copy, Debug)]
 pub struct GroundQuery<'a> {
-    /// The terrain's lattice.
+    /// The terrain's lattice, in whose units distances are.
     pub lattice: &'a Lattice,
     /// The terrain's manifest and index.
     pub manifest: &'a TerrainManifest,

@@ -1,6 +1,9 @@
 //! The plugin that makes terrains live.
 
-use super::{Terrain, TerrainCamera, TerrainManifest, TerrainManifestLoader, TerrainSettings};
+use super::{
+    Terrain, TerrainCamera, TerrainCpuTimes, TerrainManifest, TerrainManifestLoader,
+    TerrainSettings,
+};
 use crate::detail::TerrainDetail;
 use crate::edit;
 use crate::stream::{
@@ -46,6 +49,7 @@ impl Plugin for TerrainPlugin {
             .init_asset_loader::<TerrainTileLoader>()
             .init_resource::<TerrainStreaming>()
             .init_resource::<TerrainStreamer>()
+            .init_resource::<TerrainCpuTimes>()
             .register_type::<TerrainStreaming>()
             .register_type::<TerrainPin>()
             .register_type::<TerrainPinProgress>()
@@ -95,7 +99,7 @@ impl Plugin for TerrainPlugin {
                 ),
             );
         #[cfg(feature = "render")]
-        app.configure_sets(
+        app.add_plugins(view::EyePlugin).configure_sets(
             PostUpdate,
             TerrainSystems::View.after(bevy::camera::CameraUpdateSystems),
         );

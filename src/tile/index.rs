@@ -9,9 +9,9 @@ use crate::terrain::{MAX_LEAF_TILES, MAX_LEVELS, ManifestFile};
 /// outside everything below it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TileRange {
-    /// Lowest stored height.
+    /// Lowest stored height, in the manifest's height steps.
     pub min: u16,
-    /// Highest stored height.
+    /// Highest stored height, in the manifest's height steps.
     pub max: u16,
 }
 

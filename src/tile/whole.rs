@@ -17,7 +17,7 @@ pub(crate) fn is_packed(bytes: &[u8]) -> bool {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "ecs", derive(bevy::asset::Asset, bevy::reflect::TypePath))]
 pub struct TerrainTile {
-    /// The tile's heights.
+    /// The tile's heights with their border, 133² samples.
     pub heights: HeightTile,
     /// How finely its ground deserves to be tessellated.
     pub densities: DensityTile,

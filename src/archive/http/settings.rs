@@ -8,7 +8,7 @@ use thiserror::Error;
 /// them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HttpSettings {
-    /// Longest time that making a connection may take, 0.001 to 3600.
+    /// Longest time that making a connection may take, 0.001 to 3600 s.
     pub connect_timeout_s: f32,
     /// Longest time that a try may take, from the connection to the last byte, 0.001 to
     /// 3600.

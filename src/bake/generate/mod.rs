@@ -84,7 +84,7 @@ pub enum GeneratorKind {
 }
 
 impl GeneratorKind {
-    /// All kinds.
+    /// All kinds, in the order in which the tool lists them.
     pub const ALL: [Self; 4] = [Self::DiamondSquare, Self::Fbm, Self::Ridged, Self::Hybrid];
 
     /// The name that [`FromStr`] reads: `diamond-square`, `fbm`, `ridged` or `hybrid`.

@@ -49,9 +49,9 @@ pub struct ImportSettings {
     pub packing: Option<Packing>,
     /// Whether a raw file's numbers have their most significant byte first.
     pub big_endian: bool,
-    /// Metres a unit.
+    /// Metres a unit of the file's numbers; not 0.
     pub scale: Option<f64>,
-    /// Metres of a stored 0.
+    /// Metres of the file's number 0.
     pub offset: Option<f64>,
     /// Heights in metres that the least and the largest number of a file stand for whose numbers
     /// have no meaning of their own. `scale` and `offset` go before it.

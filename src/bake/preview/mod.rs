@@ -38,7 +38,7 @@ pub enum PreviewKind {
 }
 
 impl PreviewKind {
-    /// All kinds.
+    /// All kinds, in the order in which the tool lists them.
     pub const ALL: [Self; 4] = [Self::Relief, Self::Density, Self::Blended, Self::All];
 
     /// The kind's name on the command line.
@@ -85,7 +85,7 @@ impl FromStr for PreviewKind {
 /// What a preview may be told.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PreviewSettings {
-    /// What is shown.
+    /// What is shown: relief, density or both.
     pub kind: PreviewKind,
     /// The longest side in pixels that one picture may have; [`PreviewKind::All`] puts three of
     /// them side by side. In [`MAX_SIZE_RANGE`](Self::MAX_SIZE_RANGE).

@@ -33,7 +33,7 @@ impl TerrainMask {
         }
     }
 
-    /// What is drawn.
+    /// What is drawn: the scorch of all edits so far.
     #[must_use]
     pub const fn mask(&self) -> &DestructionMask {
         &self.mask
@@ -68,7 +68,7 @@ impl TerrainMask {
         self.warn();
     }
 
-    /// Forgets everything.
+    /// Forgets everything that was drawn; the ground's shape stays.
     pub fn clear(&mut self) {
         self.mask.clear();
         self.warned = false;

@@ -1,4 +1,5 @@
-//! The destruction mask: how scorched the ground is, kept where it is and nowhere else.
+//! The destruction mask: how scorched the ground is, kept where it is and nowhere else (after the sparse
+//! destruction mask of Andersson 2007, section 5.2.5).
 //!
 //! Texels lie in pages of 64 × 64, which are made when something is drawn there and freed when
 //! nothing is left. Their grid starts at the terrain's first sample and knows no end, so a mask
@@ -39,7 +40,7 @@ use super::{Change, EDIT_UNITS, Edit, SampleRect};
 use bevy::prelude::{ReflectComponent, ReflectDefault};
 use scorch::{Brush, CraterBrush, FadeBrush, ScorchPlace, StampBrush};
 use std::collections::BTreeSet;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use table::MaskTable;
 
 /// Texels along a page's side, as a power of two.
@@ -75,7 +76,7 @@ pub struct MaskSettings {
     /// Texels per metre of ground, at the least; above 0. What can't be used is taken as the
     /// default, 4.
     pub texels_per_m: f32,
-    /// Bytes that pages may take, on the CPU and on the GPU each; 64 MiB. Beyond, no new pages are
+    /// Bytes that pages may take, on the CPU and on the GPU each; 64 MiB by default. Beyond, no new pages are
     /// made, and edits leave no scorch where there is none.
     pub max_bytes: u64,
 }
@@ -89,14 +90,19 @@ impl Default for MaskSettings {
     }
 }
 
+impl MaskSettings {
+    /// Texels a metre that are accepted.
+    pub const TEXELS_PER_M_RANGE: RangeInclusive<f32> = f32::MIN_POSITIVE..=f32::MAX;
+}
+
 /// Which page: its layer, and its column and row in that layer's grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MaskPlace {
     /// The layer; its texels are `2^layer` times as wide as the finest.
     pub layer: u8,
-    /// Column.
+    /// Column of pages, from the terrain's first sample.
     pub x: i32,
-    /// Row.
+    /// Row of pages, from the terrain's first sample.
     pub z: i32,
 }
 
@@ -261,9 +267,9 @@ impl DestructionMask {
     /// An empty mask for a terrain whose samples are `spacing_m` apart, metres.
     #[must_use]
     pub fn new(spacing_m: f64, settings: &MaskSettings) -> Self {
-        let asked = f64::from(settings.texels_per_m);
-        let texels_per_m = if asked.is_finite() && asked > 0.0 {
-            asked
+        let asked = settings.texels_per_m;
+        let texels_per_m = if MaskSettings::TEXELS_PER_M_RANGE.contains(&asked) {
+            f64::from(asked)
         } else {
             f64::from(MaskSettings::default().texels_per_m)
         };
@@ -450,7 +456,7 @@ impl DestructionMask {
         written.filter(|page| page.written == version).count()
     }
 
-    /// Forgets everything.
+    /// Forgets everything that was drawn, and frees all pages.
     pub fn clear(&mut self) {
         self.version += 1;
         self.pages.clear();
