@@ -9,9 +9,9 @@ use bevy_tessera::edit::mask::{
     MASK_LAYER_SHIFT, MASK_MIPS, MASK_PAGE_BYTES, MASK_PAGE_TEXELS, MASK_SLOT_WORDS,
 };
 use bevy_tessera::render::{
-    DEFAULT_MATERIAL_WGSL, GpuDensityJob, GpuDensityKernel, GpuDensityLevel, GpuTerrainCounters,
-    GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
-    MASK_HEADER_WORDS, compose_material,
+    DEFAULT_MATERIAL_WGSL, GpuComparison, GpuDensityJob, GpuDensityKernel, GpuDensityLevel,
+    GpuTerrainCounters, GpuTerrainDraw, GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainOverlays,
+    GpuTerrainVertex, GpuTerrainView, MASK_HEADER_WORDS, TerrainOverlay, compose_material,
 };
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga_oil::compose::{
@@ -170,7 +170,17 @@ fn check_all(combinations: impl IntoIterator<Item = (String, String, Vec<&'stati
 
 #[test]
 fn every_pass_composes_and_validates() {
-    let passes: HashSet<_> = ["classify", "setup", "vertices", "indices", "density"].into();
+    let passes: HashSet<_> = [
+        "classify",
+        "setup",
+        "vertices",
+        "indices",
+        "measure",
+        "density",
+        "faces",
+        "comparison",
+    ]
+    .into();
     let found: Vec<_> = sources()
         .1
         .iter()
@@ -202,6 +212,7 @@ fn the_prepass_composes_and_validates_in_every_combination() {
         "UNCLIPPED_DEPTH_ORTHO_EMULATION",
         "TERRAIN_SHADOW",
         "TERRAIN_DENSITY_PREVIEW",
+        "TERRAIN_OVERLAY",
         "VIEW_PROJECTION_ORTHOGRAPHIC",
     ];
     for mut defs in subsets(&names) {
@@ -238,6 +249,7 @@ fn the_main_pass_composes_and_validates_in_every_combination() {
         "ATMOSPHERE",
         "ENVIRONMENT_MAP",
         "TERRAIN_DENSITY_PREVIEW",
+        "TERRAIN_OVERLAY",
     ];
     let tails: [&[&str]; 3] = [
         &["SHADOW_FILTER_METHOD_GAUSSIAN"],
@@ -250,6 +262,16 @@ fn the_main_pass_composes_and_validates_in_every_combination() {
         ],
     ];
     let mut combinations = Vec::new();
+    let vertex = sources()
+        .1
+        .iter()
+        .find(|(path, _)| path.ends_with("vertex.wgsl"))
+        .unwrap();
+    for overlay in [&[][..], &["TERRAIN_OVERLAY"]] {
+        let mut defs = vec!["MESH_PIPELINE", "VIEW_PROJECTION_PERSPECTIVE"];
+        defs.extend(overlay);
+        combinations.push((vertex.0.clone(), vertex.1.clone(), defs));
+    }
     for defs in subsets(&names) {
         // Bevy draws occlusion without multisampling only.
         if defs.contains(&"MULTISAMPLED") && defs.contains(&"SCREEN_SPACE_AMBIENT_OCCLUSION") {
@@ -342,7 +364,7 @@ layout_test!(
         error_units_per_m,
         unused_a,
         unused_b,
-        unused_c,
+        counts_plain,
         geometry,
         tiles,
         volumes,
@@ -368,6 +390,12 @@ layout_test!(
         mask_first,
         tiles,
     ]
+);
+layout_test!(
+    overlays_have_one_layout,
+    GpuTerrainOverlays,
+    "TerrainOverlays",
+    [opacities, target_px, max_error_px, unlit, unused, legend]
 );
 layout_test!(
     a_node_has_one_layout,
@@ -418,6 +446,44 @@ layout_test!(
     [page, level, tile]
 );
 
+/// The comparison's shader has its struct beside it.
+#[test]
+fn the_comparison_has_one_layout() {
+    let mut composer = composer();
+    let source = include_str!("../src/render/shaders/comparison.wgsl");
+    let module = composer
+        .make_naga_module(NagaModuleDescriptor {
+            source,
+            file_path: "comparison.wgsl",
+            ..Default::default()
+        })
+        .unwrap();
+    let wgsl = module.types.iter().find_map(|(_, ty)| match &ty.inner {
+        naga::TypeInner::Struct { members, span } if ty.name.as_deref() == Some("Comparison") => {
+            Some((members, *span))
+        }
+        _ => None,
+    });
+    let (members, size) = wgsl.unwrap();
+    assert_eq!(size as usize, size_of::<GpuComparison>());
+    let members: Vec<_> = members
+        .iter()
+        .map(|member| (member.name.as_deref().unwrap(), member.offset as usize))
+        .collect();
+    let expected = [
+        ("low", offset_of!(GpuComparison, low)),
+        ("high", offset_of!(GpuComparison, high)),
+        ("line", offset_of!(GpuComparison, line)),
+        ("gain", offset_of!(GpuComparison, gain)),
+        ("mode", offset_of!(GpuComparison, mode)),
+        ("space", offset_of!(GpuComparison, space)),
+        ("unused_a", offset_of!(GpuComparison, unused_a)),
+        ("unused_b", offset_of!(GpuComparison, unused_b)),
+        ("unused_c", offset_of!(GpuComparison, unused_c)),
+    ];
+    assert_eq!(members, expected);
+}
+
 /// The value of a constant of `types.wgsl`.
 fn wgsl_constant(name: &str) -> usize {
     let (_, types) = sources()
@@ -446,6 +512,16 @@ fn the_mask_has_one_layout() {
     ] {
         assert_eq!(wgsl_constant(name), value, "{name}");
     }
+}
+
+/// Overlays have one number in Rust and in WGSL.
+#[test]
+fn overlays_have_one_number() {
+    for overlay in TerrainOverlay::ALL {
+        let name = overlay.name().to_uppercase().replace(' ', "_");
+        assert_eq!(wgsl_constant(&format!("OVERLAY_{name}")), overlay as usize);
+    }
+    assert_eq!(wgsl_constant("OVERLAYS"), TerrainOverlay::ALL.len());
 }
 
 /// The counters are an array in WGSL; its constants say what stands where.

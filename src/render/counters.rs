@@ -1,8 +1,10 @@
 //! Reads back what the passes counted, a frame or two after it was written, and never waits.
 
 use super::gpu_types::{GpuTerrainCounters, GpuTerrainDrawArgs};
-use super::prepare::{GpuTerrainMeshes, buffer};
-use super::statistics::{SharedStatistics, TerrainViewStatistics};
+use super::overlay::StoredDensities;
+use super::pages::GpuTerrainPages;
+use super::prepare::{GpuTerrain, GpuTerrainMeshes, GpuTerrains, buffer};
+use super::statistics::{Measured, SharedStatistics, TerrainGpuMemory, TerrainViewStatistics};
 use bevy::prelude::*;
 use bevy::render::render_resource::{
     Buffer, BufferDescriptor, BufferUsages, CommandEncoder, MapMode, PollType,
@@ -31,7 +33,7 @@ struct Slot {
     /// What the frame was drawn with.
     room_vertices: u32,
     width_scale: f32,
-    measured: bool,
+    measured: Measured,
 }
 
 /// A mesh's counters, on the GPU and on their way back.
@@ -54,7 +56,7 @@ impl Counters {
             state: Arc::new(AtomicU8::new(FREE)),
             room_vertices: 0,
             width_scale: 1.0,
-            measured: false,
+            measured: Measured::default(),
         };
         Self {
             buffer: buffer(
@@ -75,7 +77,7 @@ impl Counters {
         args: &Buffer,
         room_vertices: u32,
         width_scale: f32,
-        measured: bool,
+        measured: Measured,
     ) {
         let free = |slot: &&mut Slot| slot.state.load(Ordering::Acquire) == FREE;
         let Some(slot) = self.slots.iter_mut().find(free) else {
@@ -141,6 +143,9 @@ impl Counters {
 pub(super) fn read_counters(
     mut meshes: ResMut<GpuTerrainMeshes>,
     device: Res<RenderDevice>,
+    terrains: Res<GpuTerrains>,
+    pages: Res<GpuTerrainPages>,
+    densities: Res<StoredDensities>,
     shared: Res<SharedStatistics>,
 ) {
     let _span = bevy::log::debug_span!("terrain_read_counters").entered();
@@ -156,12 +161,30 @@ pub(super) fn read_counters(
         }
     }
     shared.with(|shared| {
-        shared.retain(|key, _| meshes.meshes.contains_key(key));
+        shared
+            .views
+            .retain(|key, _| meshes.meshes.contains_key(key));
+        // What all meshes with overlays share.
+        let mut meshes_bytes = densities.bytes();
         for (key, mesh) in &meshes.meshes {
+            let bytes = mesh.bytes();
+            meshes_bytes += bytes;
             if let Some(newest) = mesh.counters.newest {
-                shared.insert(*key, newest);
+                let gpu_bytes = bytes;
+                shared.views.insert(
+                    *key,
+                    TerrainViewStatistics {
+                        gpu_bytes,
+                        ..newest
+                    },
+                );
             }
         }
+        shared.memory = TerrainGpuMemory {
+            pages_bytes: pages.bytes(),
+            meshes_bytes,
+            tables_bytes: terrains.terrains.values().map(GpuTerrain::bytes).sum(),
+        };
     });
 }
 

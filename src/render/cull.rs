@@ -2,12 +2,13 @@
 
 use crate::lattice::{Lattice, Node, NodeBounds, ViewLod};
 use crate::stream::TerrainState;
-use crate::terrain::{Terrain, TerrainManifest};
+use crate::terrain::{Terrain, TerrainCpuStage, TerrainCpuTimes, TerrainManifest};
 use crate::tessellate::LocalVolume;
 use crate::tile::{TileAddress, TileRange};
-use crate::view::TerrainViews;
+use crate::view::{HeldLod, HeldTerrainEye, TerrainViews};
 use bevy::camera::primitives::{CascadesFrusta, CubemapFrusta, Frustum};
 use bevy::ecs::entity::EntityHashMap;
+use bevy::ecs::system::SystemParam;
 use bevy::math::DAffine3;
 use bevy::math::primitives::ViewFrustum;
 use bevy::prelude::*;
@@ -230,18 +231,69 @@ pub fn select_seen(
     );
 }
 
+/// What a light sees, and the plane of it (an index into its half spaces) that casters may be beyond.
+pub(crate) type LightVolume = (Frustum, Option<usize>);
+
+/// What the lights see that throw shadows.
+#[derive(SystemParam)]
+pub(crate) struct LightVolumes<'w, 's> {
+    directional: Query<'w, 's, (&'static DirectionalLight, &'static CascadesFrusta)>,
+    points: Query<'w, 's, (&'static PointLight, &'static CubemapFrusta)>,
+    spots: Query<'w, 's, (&'static SpotLight, &'static Frustum), Without<TerrainViews>>,
+}
+
+impl LightVolumes<'_, '_> {
+    /// The volumes that count for the picture of `camera`.
+    pub(crate) fn of(&self, camera: Entity) -> impl Iterator<Item = LightVolume> {
+        let directional = self.directional.iter();
+        let cascades = directional
+            .filter(|(light, _)| light.shadow_maps_enabled)
+            .filter_map(move |(_, cascades)| cascades.frusta.get(&camera))
+            .flatten()
+            // A caster may stand before the near plane of its light.
+            .map(|frustum| (*frustum, Some(ViewFrustum::NEAR_PLANE_IDX)));
+        let points = self.points.iter();
+        let points = points
+            .filter(|(light, _)| light.shadow_maps_enabled)
+            .flat_map(|(_, frusta)| frusta.iter().map(|frustum| (*frustum, None)));
+        let spots = self.spots.iter();
+        let spots = spots
+            .filter(|(light, _)| light.shadow_maps_enabled)
+            .map(|(_, frustum)| (*frustum, None));
+        cascades.chain(points).chain(spots)
+    }
+}
+
+type CulledCamera = (
+    Entity,
+    &'static TerrainViews,
+    &'static Frustum,
+    Option<&'static HeldTerrainEye>,
+    Option<&'static mut HeldLod>,
+    &'static mut TerrainNodes,
+);
+
 /// Fills [`TerrainNodes`] for every camera.
 pub(super) fn cull_nodes(
-    mut cameras: Query<(Entity, &TerrainViews, &Frustum, &mut TerrainNodes)>,
+    mut cameras: Query<CulledCamera>,
     terrains: Query<(&TerrainState, Option<&InheritedVisibility>), With<Terrain>>,
-    directional: Query<(&DirectionalLight, &CascadesFrusta)>,
-    points: Query<(&PointLight, &CubemapFrusta)>,
-    spots: Query<(&SpotLight, &Frustum), Without<TerrainViews>>,
+    lights: LightVolumes,
+    times: Res<TerrainCpuTimes>,
     mut bounds: Local<EntityHashMap<([u64; 2], TileHeightBounds)>>,
 ) {
     let _span = bevy::log::debug_span!("terrain_cull").entered();
+    let _time = times.measure(TerrainCpuStage::Cull);
     bounds.retain(|terrain, _| terrains.contains(*terrain));
-    for (camera, views, frustum, mut drawn) in &mut cameras {
+    for (camera, views, frustum, held, mut held_lod, mut drawn) in &mut cameras {
+        // Where it is the picture that is held, it is to have no holes.
+        let picture = (held.is_some() && held_lod.is_none()).then_some(*frustum);
+        let frustum = held.map_or(*frustum, HeldTerrainEye::lod_frustum);
+        if let Some(held) = &mut held_lod
+            && held.lights.is_none()
+        {
+            held.lights = Some(lights.of(camera).collect());
+        }
+        let held_lights = held_lod.as_deref().and_then(|held| held.lights.as_deref());
         let TerrainNodes { nodes, culling } = &mut *drawn;
         nodes.retain(|terrain, _| views.of(*terrain).is_some());
         culling.retain(|terrain, _| views.of(*terrain).is_some());
@@ -259,29 +311,18 @@ pub(super) fn cull_nodes(
             if !state.is_ready() || visibility.is_some_and(|visibility| !visibility.get()) {
                 continue;
             }
-            let mut push = |frustum: &Frustum, ignored: Option<usize>| {
-                volumes.push(LocalVolume::new(frustum, &view.world_from_local, ignored));
+            let mut push = |(frustum, ignored): &LightVolume| {
+                volumes.push(LocalVolume::new(frustum, &view.world_from_local, *ignored));
             };
             // Bevy's perspective draws to infinity; its far plane is a culling distance of meshes.
-            push(frustum, Some(ViewFrustum::FAR_PLANE_IDX));
-            for (light, cascades) in &directional {
-                if light.shadow_maps_enabled
-                    && let Some(frusta) = cascades.frusta.get(&camera)
-                {
-                    // A caster may stand before the near plane of its light.
-                    let near = Some(ViewFrustum::NEAR_PLANE_IDX);
-                    frusta.iter().for_each(|frustum| push(frustum, near));
-                }
+            let far = Some(ViewFrustum::FAR_PLANE_IDX);
+            push(&(frustum, far));
+            if let Some(picture) = picture {
+                push(&(picture, far));
             }
-            for (light, frusta) in &points {
-                if light.shadow_maps_enabled {
-                    frusta.iter().for_each(|frustum| push(frustum, None));
-                }
-            }
-            for (light, frustum) in &spots {
-                if light.shadow_maps_enabled {
-                    push(frustum, None);
-                }
+            match held_lights {
+                Some(held) => held.iter().for_each(push),
+                None => lights.of(camera).for_each(|volume| push(&volume)),
             }
             let manifest = state.ground_bounds();
             let wanted = [state.instance(), state.bounds_version()];

@@ -69,6 +69,11 @@ impl Default for TerrainDensityPreview {
     }
 }
 
+impl TerrainDensityPreview {
+    /// Opacities that make sense.
+    pub const OPACITY_RANGE: std::ops::RangeInclusive<f32> = 0.0..=1.0;
+}
+
 /// Previews of densities. Part of [`TerrainRenderPlugin`](super::TerrainRenderPlugin).
 pub(super) struct DensityPreviewPlugin;
 

@@ -2,8 +2,10 @@
 
 use super::density::GpuDensityPreviews;
 use super::extract::ExtractedTerrains;
-use super::pipelines::{TERRAIN_BIND_GROUP, TerrainDrawKey, TerrainDrawKind, TerrainDrawPipeline};
-use super::prepare::{GpuTerrainMeshes, GpuTerrains};
+use super::pipelines::{
+    DrawExtras, TERRAIN_BIND_GROUP, TerrainDrawKey, TerrainDrawKind, TerrainDrawPipeline,
+};
+use super::prepare::{GpuTerrainMesh, GpuTerrainMeshes, GpuTerrains};
 use bevy::core_pipeline::core_3d::{Opaque3d, Opaque3dBatchSetKey, Opaque3dBinKey};
 use bevy::core_pipeline::deferred::AlphaMask3dDeferred;
 use bevy::core_pipeline::prepass::{
@@ -45,8 +47,8 @@ pub(super) struct TerrainDraws {
 /// The mesh that a view draws of a terrain.
 struct DrawnMesh {
     camera: MainEntity,
-    /// Whether the pass that shades it shows the preview of densities.
-    preview: bool,
+    /// What the pass that shades it shows beside the ground.
+    extras: DrawExtras,
 }
 
 pub(super) type DrawTerrainMain = (
@@ -98,25 +100,23 @@ impl<P: PhaseItem, const SHADES: bool> RenderCommand<P> for DrawTerrain<SHADES> 
             .get(&(view.retained_view_entity, terrain))
             .and_then(|drawn| {
                 let mesh = meshes.meshes.get(&(drawn.camera, terrain))?;
-                Some((mesh, SHADES && drawn.preview))
+                Some((mesh, if SHADES { drawn.extras } else { default() }))
             });
-        let (Some((mesh, preview)), Some(gpu_terrain)) = (found, terrains.terrains.get(&terrain))
+        let (Some((mesh, extras)), Some(gpu_terrain)) = (found, terrains.terrains.get(&terrain))
         else {
             return RenderCommandResult::Skip;
         };
-        let Some(groups) = &mesh.groups else {
-            return RenderCommandResult::Skip;
-        };
-        let draw = if preview {
-            groups.preview_draw.as_ref()
-        } else {
-            Some(&groups.draw)
-        };
-        let Some(draw) = draw else {
+        let groups = mesh.groups.as_ref();
+        let Some(draw) = groups.and_then(|groups| groups.of_draw(extras)) else {
             return RenderCommandResult::Skip;
         };
         pass.set_bind_group(TERRAIN_BIND_GROUP, draw, &[]);
         pass.set_bind_group(MATERIAL_BIND_GROUP_INDEX, &gpu_terrain.material, &[]);
+        if extras.overlays {
+            // The first four words of the arguments are those of a draw that isn't indexed.
+            pass.draw_indirect(mesh.args(), 0);
+            return RenderCommandResult::Success;
+        }
         pass.set_vertex_buffer(0, mesh.vertices().slice(..));
         pass.set_index_buffer(mesh.indices().slice(..), IndexFormat::Uint32);
         pass.draw_indexed_indirect(mesh.args(), 0);
@@ -253,20 +253,52 @@ impl Phases<'_> {
     }
 }
 
-/// Whether a pass shades the ground and has a storage buffer left for the preview of densities.
-fn affords_preview(kind: TerrainDrawKind, mesh: MeshPipelineKey, storage_buffers: u32) -> bool {
+/// What a shader stage of the device may bind.
+#[derive(Clone, Copy)]
+struct StageLimits {
+    storage_buffers: u32,
+    uniform_buffers: u32,
+}
+
+/// Whether a pass shades the ground and has buffers left for `extras`.
+fn affords(
+    kind: TerrainDrawKind,
+    mesh: MeshPipelineKey,
+    limits: StageLimits,
+    extras: DrawExtras,
+) -> bool {
+    let DrawExtras { preview, overlays } = extras;
+    let has = |bits| u32::from(mesh.contains(bits));
     match kind {
         TerrainDrawKind::Deferred => true,
         TerrainDrawKind::Main => {
+            let oit = has(MeshPipelineKey::OIT_ENABLED);
             // Lights take three, order-independent transparency three, the atmosphere one, the
-            // page table and the preview one each.
-            let taken = 5
-                + 3 * u32::from(mesh.contains(MeshPipelineKey::OIT_ENABLED))
-                + u32::from(mesh.contains(MeshPipelineKey::ATMOSPHERE));
-            taken <= storage_buffers
+            // page table, the preview and the overlays' densities one each.
+            let storage = 4
+                + 3 * oit
+                + has(MeshPipelineKey::ATMOSPHERE)
+                + u32::from(preview)
+                + u32::from(overlays);
+            // Bevy's view takes seven, order-independent transparency two, the draw, its detail and
+            // its material three, the overlays one.
+            let uniforms = 10 + 2 * oit + u32::from(overlays);
+            // Bevy's visibility ranges and four that vertices are pulled from.
+            let vertex_storage = if overlays { 5 } else { 1 };
+            storage.max(vertex_storage) <= limits.storage_buffers
+                && (uniforms <= limits.uniform_buffers || !overlays)
         }
         TerrainDrawKind::Prepass | TerrainDrawKind::Shadow => false,
     }
+}
+
+/// Of the cameras that have a mesh of a terrain, each with whether it is the second one of a
+/// comparison, that whose mesh throws the shadows that all share: the first, whichever that is, the
+/// same every frame. A second camera only where there is no other, so that comparing doesn't change
+/// what is compared.
+fn shared_caster(cameras: impl Iterator<Item = (MainEntity, bool)>) -> Option<MainEntity> {
+    let first = cameras.min_by_key(|(camera, compares)| (*compares, *camera));
+    first.map(|(camera, _)| camera)
 }
 
 /// Puts every terrain into the phases of every view that draws it.
@@ -284,6 +316,7 @@ pub(super) fn queue_terrains(
     view_keys: Res<ViewKeyCache>,
     cameras: CameraViews,
     shadow_views: Query<(&LightEntity, &ExtractedView)>,
+    mut refused: Local<bool>,
 ) {
     let _span = bevy::log::debug_span!("terrain_queue").entered();
     let TerrainDraws {
@@ -294,7 +327,11 @@ pub(super) fn queue_terrains(
     for (kind, view, terrain) in queued.drain(..) {
         phases.remove(kind, &view, terrain);
     }
-    let storage_buffers = device.limits().max_storage_buffers_per_shader_stage;
+    let limits = device.limits();
+    let limits = StageLimits {
+        storage_buffers: limits.max_storage_buffers_per_shader_stage,
+        uniform_buffers: limits.max_uniform_buffers_per_shader_stage,
+    };
     let mut queue = |kind, mesh, view: &ExtractedView, camera: MainEntity, terrain: MainEntity| {
         let Some(shader) = extracted
             .terrains
@@ -303,30 +340,64 @@ pub(super) fn queue_terrains(
         else {
             return;
         };
-        let mut pipeline = |preview| {
+        let mut pipeline = |extras| {
             let shader = shader.clone();
             let key = TerrainDrawKey {
                 kind,
                 mesh,
                 shader,
-                preview,
+                extras,
             };
             pipelines.specialize(&cache, &draw_pipeline, key)
         };
-        let wants_preview = previews
-            .previews
-            .get(&terrain)
-            .is_some_and(|it| it.is_ready);
-        let with_preview = (wants_preview && affords_preview(kind, mesh, storage_buffers))
-            .then(|| pipeline(true))
-            // While it is compiled, the ground is drawn without rather than not at all.
-            .filter(|id| cache.get_render_pipeline(*id).is_some());
-        let preview = with_preview.is_some();
-        let pipeline = with_preview.unwrap_or_else(|| pipeline(false));
+        let wanted = DrawExtras {
+            preview: previews
+                .previews
+                .get(&terrain)
+                .is_some_and(|it| it.is_ready),
+            overlays: meshes
+                .meshes
+                .get(&(camera, terrain))
+                .is_some_and(GpuTerrainMesh::has_overlays),
+        };
+        // With as much as can be afforded, overlays first. While that is compiled, the ground is drawn
+        // without rather than not at all.
+        let overlays_only = DrawExtras {
+            preview: false,
+            ..wanted
+        };
+        let preview_only = DrawExtras {
+            overlays: false,
+            ..wanted
+        };
+        let afforded = |extras: &DrawExtras| affords(kind, mesh, limits, *extras);
+        let best = [wanted, overlays_only, preview_only]
+            .into_iter()
+            .find(afforded)
+            .unwrap_or_default();
+        if wanted.overlays && !best.overlays && kind == TerrainDrawKind::Main && !*refused {
+            *refused = true;
+            warn!(
+                "terrain overlays are not drawn: this camera leaves them no buffers on a device \
+                 with {} storage and {} uniform buffers a stage; do without order-independent \
+                 transparency or the atmosphere",
+                limits.storage_buffers, limits.uniform_buffers
+            );
+        }
+        let fallback = DrawExtras {
+            overlays: false,
+            ..best
+        };
+        let (extras, pipeline) = [best, fallback]
+            .into_iter()
+            .filter(|extras| *extras != DrawExtras::default())
+            .map(|extras| (extras, pipeline(extras)))
+            .find(|(_, id)| cache.get_render_pipeline(*id).is_some())
+            .unwrap_or_else(|| (default(), pipeline(default())));
         let retained = view.retained_view_entity;
         if phases.add(kind, &retained, terrain, pipeline) {
             queued.push((kind, retained, terrain));
-            drawn_by.insert((retained, terrain), DrawnMesh { camera, preview });
+            drawn_by.insert((retained, terrain), DrawnMesh { camera, extras });
         }
     };
 
@@ -374,15 +445,16 @@ pub(super) fn queue_terrains(
         } else {
             MeshPipelineKey::VIEW_PROJECTION_PERSPECTIVE
         };
-        // A cascade belongs to a camera. Point and spot shadows are shared by all: they take the
-        // mesh of the first, whichever that is, the same every frame.
+        // A cascade belongs to a camera. Point and spot shadows are shared by all.
         let of_camera = view.retained_view_entity.auxiliary_entity;
         for &(camera, terrain) in meshes.meshes.keys() {
             let casts = if directional {
                 camera == of_camera
             } else {
-                let mut others = meshes.meshes.keys().filter(|(_, other)| *other == terrain);
-                others.all(|(other, _)| camera <= *other)
+                let all = meshes.meshes.iter();
+                let of_terrain = all.filter(|((_, other), _)| *other == terrain);
+                let cameras = of_terrain.map(|((camera, _), mesh)| (*camera, mesh.compares));
+                shared_caster(cameras) == Some(camera)
             };
             if !casts {
                 continue;
@@ -396,10 +468,61 @@ pub(super) fn queue_terrains(
 mod tests {
     use super::*;
 
+    const WEBGPU: StageLimits = StageLimits {
+        storage_buffers: 8,
+        uniform_buffers: 12,
+    };
+
+    #[test]
+    fn a_comparison_takes_the_shared_shadows_of_no_other_camera() {
+        let camera = |index| MainEntity::from(Entity::from_raw_u32(index).expect("small"));
+        let mut cameras = [5, 3, 9].map(camera);
+        cameras.sort();
+        for compared in 0..3 {
+            let all = (0..3).map(|at| (cameras[at], at == compared));
+            let wanted = cameras[usize::from(compared == 0)];
+            assert_eq!(shared_caster(all.clone()), Some(wanted));
+            assert_eq!(shared_caster(all.rev()), Some(wanted));
+        }
+        let alone = [(cameras[1], true)];
+        assert_eq!(shared_caster(alone.into_iter()), Some(cameras[1]));
+    }
+
+    #[test]
+    fn overlays_are_left_out_where_no_buffer_is_left_for_them() {
+        let (oit, atmosphere) = (MeshPipelineKey::OIT_ENABLED, MeshPipelineKey::ATMOSPHERE);
+        let overlays = DrawExtras {
+            preview: false,
+            overlays: true,
+        };
+        let both = DrawExtras {
+            preview: true,
+            overlays: true,
+        };
+        let main = |mesh, extras| affords(TerrainDrawKind::Main, mesh, WEBGPU, extras);
+        assert!(main(MeshPipelineKey::NONE, overlays));
+        assert!(main(atmosphere, both));
+        assert!(!main(oit, overlays), "no uniform buffer is left");
+        let wide = StageLimits {
+            storage_buffers: 8,
+            uniform_buffers: 15,
+        };
+        let wide = |mesh, extras| affords(TerrainDrawKind::Main, mesh, wide, extras);
+        assert!(wide(oit, overlays));
+        assert!(!wide(oit, both), "no storage buffer is left");
+        assert!(affords(TerrainDrawKind::Deferred, oit, WEBGPU, both));
+        assert!(!affords(TerrainDrawKind::Shadow, oit, WEBGPU, overlays));
+        assert!(!affords(TerrainDrawKind::Prepass, oit, WEBGPU, overlays));
+    }
+
     #[test]
     fn a_preview_is_left_out_where_no_storage_buffer_is_left_for_it() {
         let (oit, atmosphere) = (MeshPipelineKey::OIT_ENABLED, MeshPipelineKey::ATMOSPHERE);
-        let afforded = |kind, mesh| affords_preview(kind, mesh, 8);
+        let preview = DrawExtras {
+            preview: true,
+            overlays: false,
+        };
+        let afforded = |kind, mesh| affords(kind, mesh, WEBGPU, preview);
         assert!(afforded(TerrainDrawKind::Main, MeshPipelineKey::NONE));
         assert!(afforded(TerrainDrawKind::Main, oit));
         assert!(afforded(TerrainDrawKind::Main, atmosphere));

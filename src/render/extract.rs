@@ -1,16 +1,18 @@
 //! What the render world is told each frame.
 
 use super::TerrainMaterial;
+use super::comparison::ComparisonCamera;
 use super::cull::{NodeCulling, TerrainNodes};
 use super::gpu_types::{GpuTerrainDraw, GpuTerrainNode, GpuTerrainView};
 use super::mask::{KnownMask, MaskChange};
 use super::material::ComposedMaterials;
+use super::overlay::{ExtractedOverlays, TerrainOverlays};
 use super::page_part::PagePart;
 use super::statistics::TerrainStatistics;
 use crate::detail::DetailKernel;
 use crate::edit::mask::TerrainMask;
 use crate::stream::{TerrainState, TerrainStreamer};
-use crate::terrain::{TerrainCamera, TessellationPolicy};
+use crate::terrain::{TerrainCamera, TerrainCpuStage, TerrainCpuTimes, TessellationPolicy};
 use crate::tessellate::{FactorView, Partitioning};
 use crate::tile::{TerrainTile, TileAddress};
 use crate::view::{TerrainView, TerrainViews};
@@ -88,6 +90,11 @@ pub(super) struct ExtractedView {
     pub(super) partitioning: Partitioning,
     pub(super) max_vertices: u32,
     pub(super) measure_triangle_sizes: bool,
+    /// Overlays, where any is on.
+    pub(super) overlays: Option<ExtractedOverlays>,
+    pub(super) measure_savings: bool,
+    /// Whether the camera is the second one of a comparison.
+    pub(super) compares: bool,
 }
 
 /// Everything extracted in this frame.
@@ -161,13 +168,17 @@ pub(super) fn extract_terrains(
             &TerrainViews,
             &TerrainNodes,
             &TerrainStatistics,
+            Option<&TerrainOverlays>,
+            Has<ComparisonCamera>,
         )>,
     >,
     materials: Extract<Res<ComposedMaterials>>,
+    times: Extract<Res<TerrainCpuTimes>>,
     mut extracted: ResMut<ExtractedTerrains>,
     mut uploaded: ResMut<UploadedTerrains>,
 ) {
     let _span = bevy::log::debug_span!("terrain_extract").entered();
+    let _time = times.measure(TerrainCpuStage::Extract);
     let ExtractedTerrains {
         terrains: out,
         views: views_out,
@@ -262,7 +273,7 @@ pub(super) fn extract_terrains(
         );
     }
 
-    for (entity, camera, settings, views, drawn, statistics) in &cameras {
+    for (entity, camera, settings, views, drawn, statistics, overlays, compares) in &cameras {
         let settings = settings.checked(|_| ());
         for view in &views.views {
             let Ok((_, state, ..)) = terrains.get(view.terrain) else {
@@ -312,6 +323,9 @@ pub(super) fn extract_terrains(
                         .map(|node| GpuTerrainNode::new(*node, [0.0; 2])),
                 );
             }
+            let overlays = overlays
+                .filter(|overlays| overlays.is_on())
+                .map(|overlays| ExtractedOverlays::new(overlays, &gpu_view));
             views_out.push(ExtractedView {
                 camera: entity.into(),
                 terrain: view.terrain.into(),
@@ -321,6 +335,9 @@ pub(super) fn extract_terrains(
                 partitioning: settings.partitioning,
                 max_vertices: settings.max_vertices,
                 measure_triangle_sizes: statistics.measure_triangle_sizes,
+                overlays,
+                measure_savings: statistics.measure_savings,
+                compares,
             });
         }
     }
@@ -342,13 +359,9 @@ pub fn factor_view(
     view: &TerrainView,
     state: &TerrainState,
 ) -> Option<FactorView> {
-    let height_px = camera.physical_viewport_size()?.y as f32;
-    let clip_from_view = camera.clip_from_view();
-    // Half the viewport's height over the tangent of half the field of view, or over half the
-    // height of an orthographic view.
-    let focal_px = 0.5 * height_px * clip_from_view.y_axis.y.abs();
-    let orthographic = clip_from_view.w_axis.w == 1.0;
-    let segments = focal_px / settings.triangle_width_px;
+    camera.physical_viewport_size()?;
+    // A view takes what isn't a perspective for parallel.
+    let (focal_px, px_per_m) = (view.focal_px, view.px_per_m);
     let file = &state.manifest().file;
     let spacing_m = file.spacing_m;
     let max_error_px = match settings.policy {
@@ -372,21 +385,13 @@ pub fn factor_view(
         eye_fraction: view.eye_fraction,
         eye_height_m: view.eye_height_m,
         unit_m: state.lattice().unit_m(spacing_m) as f32,
-        segments_per_radian: if orthographic { 0.0 } else { segments },
-        segments_per_m: if orthographic {
-            segments * view.scale
-        } else {
-            0.0
-        },
+        segments_per_radian: focal_px / settings.triangle_width_px,
+        segments_per_m: px_per_m / settings.triangle_width_px,
         min_triangle_m: settings.min_triangle_m.unwrap_or(finest_m),
         max_factor: settings.max_factor,
         density_strength: settings.density,
-        focal_px: if orthographic { 0.0 } else { focal_px },
-        px_per_m: if orthographic {
-            focal_px * view.scale
-        } else {
-            0.0
-        },
+        focal_px,
+        px_per_m,
         max_error_px,
         error_units_per_m: file.error_units_per_m() as f32,
     })

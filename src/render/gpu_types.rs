@@ -30,9 +30,9 @@ pub struct GpuTerrainView {
     pub unit_shift: u32,
     /// Faces a side, as a power of two.
     pub faces_shift: u32,
-    /// Finest geometry level.
+    /// Finest level of the geometry, 0 or below.
     pub leaf_level: i32,
-    /// Coarsest level.
+    /// Coarsest level, that of the root tile.
     pub root_level: i32,
     /// [`Partitioning`] as a number.
     pub partitioning: u32,
@@ -46,7 +46,7 @@ pub struct GpuTerrainView {
     pub min_triangle_m: f32,
     /// See [`FactorView::max_factor`].
     pub max_factor: f32,
-    /// Metres of a stored 0.
+    /// Height of a stored 0, metres above the terrain's origin.
     pub height_min_m: f32,
     /// Metres a stored unit.
     pub height_step_m: f32,
@@ -74,8 +74,8 @@ pub struct GpuTerrainView {
     pub unused_a: u32,
     /// Padding.
     pub unused_b: u32,
-    /// Padding.
-    pub unused_c: u32,
+    /// 1 where it is counted what the view would have at a density strength of 0.
+    pub counts_plain: u32,
     /// Per geometry level: where it begins to morph, its zone as a power of two.
     pub geometry: [[i32; 4]; MAX_LEVELS],
     /// Per tile level: first entry in the page table, tiles in x and z.
@@ -169,7 +169,7 @@ pub struct GpuTerrainDraw {
     pub unit_m: f32,
     /// Metres per sample of level 0.
     pub spacing_m: f32,
-    /// Coarsest level.
+    /// Coarsest level, that of the root tile.
     pub root_level: i32,
     /// How much of the ground's colour the preview of densities takes.
     pub density_opacity: f32,
@@ -185,7 +185,7 @@ pub struct GpuTerrainDraw {
 pub struct GpuTerrainNode {
     /// First lattice point.
     pub origin: [i32; 2],
-    /// Level.
+    /// Its level; below 0, finer than the finest tiles.
     pub level: i32,
     /// The lowest height that it may be drawn with, metres.
     pub lowest_m: f32,
@@ -266,6 +266,11 @@ pub struct GpuTerrainCounters {
     /// Longest edges of the triangles on the screen, four bins an octave; the first holds all up to a
     /// quarter of a pixel.
     pub triangle_sizes: [u32; 32],
+    /// Vertices that the view would have at a density strength of 0, room aside; where it was asked
+    /// for.
+    pub plain_vertices: u32,
+    /// Triangles that it would have then.
+    pub plain_triangles: u32,
 }
 
 /// Factors of a face, less one unit each so that they fit 16 bits: the edges', then what the inside

@@ -9,6 +9,7 @@
 //! What it doesn't do: shadows of point and spot lights are drawn from the mesh of one camera,
 //! and transparent terrains don't exist.
 
+mod comparison;
 mod counters;
 mod cull;
 mod density;
@@ -17,6 +18,7 @@ mod extract;
 mod gpu_types;
 mod mask;
 mod material;
+mod overlay;
 mod page_part;
 mod pages;
 mod passes;
@@ -24,6 +26,10 @@ mod pipelines;
 mod prepare;
 mod statistics;
 
+pub use comparison::{
+    ComparedComponents, ComparisonCamera, ComparisonView, GpuComparison, TerrainComparison,
+};
+pub(crate) use cull::{LightVolume, LightVolumes};
 pub use cull::{NodeBox, NodeCulling, TerrainNodes, TileHeightBounds, select_seen};
 pub use density::{GpuDensityPreview, GpuDensityPreviews, TerrainDensityPreview};
 pub use extract::factor_view;
@@ -34,9 +40,14 @@ pub use gpu_types::{
 };
 pub use mask::MASK_HEADER_WORDS;
 pub use material::{DEFAULT_MATERIAL_WGSL, TerrainMaterial, compose_material};
+pub use overlay::{
+    GpuTerrainOverlays, GpuTriangleFace, TerrainLegendStop, TerrainOverlay, TerrainOverlays,
+};
 pub use pages::{GpuTerrainPages, tile_gradients};
 pub use prepare::{GpuTerrainMesh, GpuTerrainMeshes};
-pub use statistics::{TerrainDiagnostics, TerrainStatistics, TerrainViewStatistics};
+pub use statistics::{
+    SavedByDensity, TerrainDiagnostics, TerrainGpuMemory, TerrainStatistics, TerrainViewStatistics,
+};
 
 use crate::edit::mask::MaskSettings;
 use crate::terrain::{TerrainCamera, TerrainSystems};
@@ -83,6 +94,9 @@ pub enum TerrainPass {
     Classify,
     /// The view's scale, the nodes' places in the buffers, the indirect draw's arguments.
     Setup,
+    /// For cameras with [`TerrainOverlays`] on: which part of which face each triangle belongs to. After
+    /// [`Setup`](Self::Setup), in no order with those that follow it.
+    Faces,
     /// Every vertex is evaluated once.
     Vertices,
     /// Triangles are listed.
@@ -97,12 +111,24 @@ pub enum TerrainPass {
 }
 
 impl TerrainPass {
+    /// All of them.
+    pub const ALL: [Self; 7] = [
+        Self::Classify,
+        Self::Setup,
+        Self::Faces,
+        Self::Vertices,
+        Self::Indices,
+        Self::Measure,
+        Self::Density,
+    ];
+
     /// The pass's label in captures, and its name in Bevy's render diagnostics.
     #[must_use]
     pub const fn label(self) -> &'static str {
         match self {
             Self::Classify => "terrain_classify",
             Self::Setup => "terrain_setup",
+            Self::Faces => "terrain_faces",
             Self::Vertices => "terrain_vertices",
             Self::Indices => "terrain_indices",
             Self::Measure => "terrain_measure",
@@ -128,6 +154,8 @@ impl Plugin for TerrainRenderPlugin {
         load_shader_library!(app, "shaders/height.wgsl");
         load_shader_library!(app, "shaders/edge_density.wgsl");
         load_shader_library!(app, "shaders/edge_error.wgsl");
+        load_shader_library!(app, "shaders/edge.wgsl");
+        load_shader_library!(app, "shaders/screen.wgsl");
         load_shader_library!(app, "shaders/strip.wgsl");
         load_shader_library!(app, "shaders/face.wgsl");
         load_shader_library!(app, "shaders/scan.wgsl");
@@ -135,7 +163,11 @@ impl Plugin for TerrainRenderPlugin {
         load_shader_library!(app, "shaders/destruction.wgsl");
         load_shader_library!(app, "shaders/vertex_io.wgsl");
         load_shader_library!(app, "shaders/curvature.wgsl");
+        load_shader_library!(app, "shaders/density_texel.wgsl");
         load_shader_library!(app, "shaders/density_preview.wgsl");
+        load_shader_library!(app, "shaders/overlay.wgsl");
+        load_shader_library!(app, "shaders/overlay_vertex.wgsl");
+        embedded_asset!(app, "shaders/faces.wgsl");
         embedded_asset!(app, "shaders/density.wgsl");
         embedded_asset!(app, "shaders/classify.wgsl");
         embedded_asset!(app, "shaders/setup.wgsl");
@@ -227,6 +259,13 @@ impl Plugin for TerrainRenderPlugin {
             )
             .configure_sets(
                 RenderGraph,
+                TerrainPass::Faces
+                    .after(TerrainPass::Setup)
+                    .in_set(RenderGraphSystems::Render)
+                    .before(camera_driver),
+            )
+            .configure_sets(
+                RenderGraph,
                 TerrainPass::Density
                     .in_set(RenderGraphSystems::Render)
                     .before(camera_driver),
@@ -243,6 +282,11 @@ impl Plugin for TerrainRenderPlugin {
                         .in_set(TerrainPass::Measure),
                 ),
             );
-        app.add_plugins((density::DensityPreviewPlugin, statistics::StatisticsPlugin));
+        app.add_plugins((
+            comparison::ComparisonPlugin,
+            density::DensityPreviewPlugin,
+            overlay::OverlayPlugin,
+            statistics::StatisticsPlugin,
+        ));
     }
 }

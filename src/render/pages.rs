@@ -2,6 +2,7 @@
 
 use super::extract::{PageData, PageUpload};
 use super::page_part::Texels;
+use crate::stream::PAGE_BYTES;
 use crate::tile::{DENSITY_TEXELS, HeightTile, TILE_STORED};
 use bevy::prelude::*;
 use bevy::render::render_resource::{
@@ -27,6 +28,10 @@ pub(super) struct Atlas {
 }
 
 impl Atlas {
+    pub(super) const fn texture(&self) -> &Texture {
+        &self.texture
+    }
+
     fn new(
         device: &RenderDevice,
         label: &'static str,
@@ -136,6 +141,8 @@ pub struct GpuTerrainPages {
     pub(super) errors: Atlas,
     /// Rises when the textures are replaced, so that bind groups are built anew.
     pub(super) generation: u64,
+    /// How often a page has been written.
+    pub(super) writes: u64,
 }
 
 impl FromWorld for GpuTerrainPages {
@@ -161,6 +168,7 @@ impl FromWorld for GpuTerrainPages {
                 DENSITY_TEXELS,
             ),
             generation: 0,
+            writes: 0,
         }
     }
 }
@@ -184,6 +192,11 @@ impl GpuTerrainPages {
             &densities.texture,
             &errors.texture,
         ]
+    }
+
+    /// Bytes of GPU memory that the textures take, pages that are free included.
+    pub(super) fn bytes(&self) -> u64 {
+        u64::from(self.layers * PAGES_A_LAYER) * PAGE_BYTES
     }
 
     /// Grows the textures to hold so many pages, by half of what there is at least, and lets them
@@ -220,7 +233,7 @@ impl GpuTerrainPages {
     /// Writes a tile's data, or what has changed of it, to its page. Pages that there are no layers
     /// for stay unwritten.
     pub(super) fn write(
-        &self,
+        &mut self,
         queue: &RenderQueue,
         upload: &PageUpload,
         gradient_scale: f32,
@@ -234,6 +247,7 @@ impl GpuTerrainPages {
         if *page >= self.layers * PAGES_A_LAYER {
             return;
         }
+        self.writes += 1;
         let scale = gradient_scale / (1_u32 << address.level) as f32;
         match data {
             PageData::Whole(tile) => {

@@ -2,6 +2,7 @@
 
 use super::TerrainPass;
 use super::density::{GpuDensityPreview, GpuDensityPreviews};
+use super::overlay::OverlayPipelines;
 use super::pipelines::TerrainPipelines;
 use super::prepare::{GpuTerrainMesh, GpuTerrainMeshes, MeshBindGroups};
 use bevy::prelude::*;
@@ -116,6 +117,36 @@ pass_system!(indices, Indices, |count| nodes(count, NODE_SHARES));
 pass_system!(measure, Measure, |_| [MEASURE_WORKGROUPS, 1, 1], |mesh| {
     mesh.is_measured()
 });
+
+/// Finds the faces of the triangles that are drawn with overlays; without any there is no pass.
+pub(super) fn faces(
+    meshes: Res<GpuTerrainMeshes>,
+    pipelines: Res<OverlayPipelines>,
+    cache: Res<PipelineCache>,
+    mut context: RenderContext,
+) {
+    let groups = || {
+        meshes.meshes.values().filter_map(|mesh| {
+            let groups = mesh.groups.as_ref()?;
+            Some((mesh.node_count(), groups, groups.overlays.as_ref()?))
+        })
+    };
+    if groups().next().is_none() {
+        return;
+    }
+    let pipeline = pipelines.faces();
+    let Some(pipeline) = pipeline.and_then(|id| cache.get_compute_pipeline(id)) else {
+        return;
+    };
+    record(TerrainPass::Faces, pipeline, &mut context, |compute| {
+        for (node_count, groups, overlays) in groups() {
+            let [x, y, z] = nodes(node_count, NODE_SHARES);
+            compute.set_bind_group(0, &groups.inputs, &[]);
+            compute.set_bind_group(1, &overlays.faces, &[]);
+            compute.dispatch_workgroups(x, y, z);
+        }
+    });
+}
 
 /// Workgroups that share the densities of a page, four rows of texels each.
 const DENSITY_STRIPS: u32 = 8;

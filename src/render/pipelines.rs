@@ -4,6 +4,7 @@ use super::gpu_types::{
     GpuDensityJob, GpuDensityKernel, GpuFaceFactors, GpuTerrainCounters, GpuTerrainDraw,
     GpuTerrainDrawArgs, GpuTerrainNode, GpuTerrainVertex, GpuTerrainView,
 };
+use super::overlay::GpuTerrainOverlays;
 use crate::detail::DetailKernel;
 use bevy::asset::load_embedded_asset;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
@@ -16,12 +17,12 @@ use bevy::render::render_resource::binding_types::{
     uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, BindGroupLayoutEntries, CachedComputePipelineId, CompareFunction,
-    ComputePipelineDescriptor, DepthStencilState, DynamicBindGroupLayoutEntries, Face, FilterMode,
-    FragmentState, MultisampleState, PipelineCache, PrimitiveState, RenderPipelineDescriptor,
-    Sampler, SamplerBindingType, SamplerDescriptor, ShaderStages, SpecializedMeshPipeline,
-    SpecializedRenderPipeline, TextureSampleType, VertexAttribute, VertexFormat, VertexState,
-    VertexStepMode,
+    BindGroupLayoutDescriptor, BindGroupLayoutEntries, BindGroupLayoutEntryBuilder,
+    CachedComputePipelineId, CompareFunction, ComputePipelineDescriptor, DepthStencilState,
+    DynamicBindGroupLayoutEntries, Face, FilterMode, FragmentState, MultisampleState,
+    PipelineCache, PrimitiveState, RenderPipelineDescriptor, Sampler, SamplerBindingType,
+    SamplerDescriptor, ShaderStages, SpecializedMeshPipeline, SpecializedRenderPipeline,
+    TextureSampleType, VertexAttribute, VertexFormat, VertexState, VertexStepMode,
 };
 use bevy::render::renderer::RenderDevice;
 use bevy::shader::{Shader, ShaderDefVal};
@@ -33,6 +34,9 @@ pub(super) const TERRAIN_BIND_GROUP: usize = 2;
 
 /// What makes a fragment shader show the preview of densities.
 const DENSITY_PREVIEW_DEF: &str = "TERRAIN_DENSITY_PREVIEW";
+
+/// What makes a draw show overlays.
+const OVERLAY_DEF: &str = "TERRAIN_OVERLAY";
 
 /// Layouts, samplers and compute pipelines.
 #[derive(Resource)]
@@ -47,6 +51,12 @@ pub(super) struct TerrainPipelines {
     pub(super) draw_layout: BindGroupLayoutDescriptor,
     /// The draws' layout while there is a preview of densities.
     pub(super) preview_draw_layout: BindGroupLayoutDescriptor,
+    pub(super) faces_layout: BindGroupLayoutDescriptor,
+    /// Of the pass of faces, whose pipeline is made when the first overlay is shown.
+    pub(super) faces_shader: Handle<Shader>,
+    /// The draws' layouts with overlays, and with both.
+    pub(super) overlay_draw_layout: BindGroupLayoutDescriptor,
+    pub(super) overlay_preview_draw_layout: BindGroupLayoutDescriptor,
     pub(super) material_layout: BindGroupLayoutDescriptor,
     pub(super) classify: CachedComputePipelineId,
     pub(super) setup: CachedComputePipelineId,
@@ -157,21 +167,56 @@ pub(super) fn init_terrain_pipelines(
             ),
         ),
     );
-    let draw_entries = DynamicBindGroupLayoutEntries::sequential(
-        ShaderStages::FRAGMENT,
-        (
-            uniform_buffer_sized(false, size_of_pod::<GpuTerrainDraw>())
-                .visibility(ShaderStages::VERTEX_FRAGMENT),
-            read(word),
-            texture_2d_array(TextureSampleType::Float { filterable: true }),
-            sampler(SamplerBindingType::Filtering),
-            uniform_buffer_sized(false, size_of_pod::<DetailKernel>()),
+    let draw_entries = || {
+        DynamicBindGroupLayoutEntries::sequential(
+            ShaderStages::FRAGMENT,
+            (
+                uniform_buffer_sized(false, size_of_pod::<GpuTerrainDraw>())
+                    .visibility(ShaderStages::VERTEX_FRAGMENT),
+                read(word),
+                texture_2d_array(TextureSampleType::Float { filterable: true }),
+                sampler(SamplerBindingType::Filtering),
+                uniform_buffer_sized(false, size_of_pod::<DetailKernel>()),
+            ),
+        )
+    };
+    let preview_entries = || draw_entries().extend_sequential((read(word),));
+    let draw_layout = BindGroupLayoutDescriptor::new("terrain_draw_layout", &draw_entries());
+    let preview_draw_layout =
+        BindGroupLayoutDescriptor::new("terrain_preview_draw_layout", &preview_entries());
+    let overlays = uniform_buffer_sized(false, size_of_pod::<GpuTerrainOverlays>());
+    let faces_layout = BindGroupLayoutDescriptor::new(
+        "terrain_faces_layout",
+        &BindGroupLayoutEntries::with_indices(
+            compute,
+            (
+                (0, read(factors)),
+                (2, read(pair)),
+                (3, read(args)),
+                (7, write(pair)),
+                (8, write(word)),
+                (9, overlays),
+            ),
         ),
     );
-    let draw_layout = BindGroupLayoutDescriptor::new("terrain_draw_layout", &draw_entries);
-    let preview_draw_layout = BindGroupLayoutDescriptor::new(
-        "terrain_preview_draw_layout",
-        &draw_entries.extend_sequential((read(word),)),
+    // Vertices are pulled, so that each knows its triangle.
+    let pulled = |entry: BindGroupLayoutEntryBuilder| entry.visibility(ShaderStages::VERTEX);
+    let overlay_entries = (
+        (6, overlays),
+        (7, read(word)),
+        (8, pulled(view)),
+        (9, pulled(read(size_of_pod::<GpuTerrainVertex>()))),
+        (10, pulled(read(word))),
+        (11, pulled(read(pair))),
+        (12, pulled(read(word))),
+    );
+    let overlay_draw_layout = BindGroupLayoutDescriptor::new(
+        "terrain_overlay_draw_layout",
+        &draw_entries().extend_with_indices(overlay_entries),
+    );
+    let overlay_preview_draw_layout = BindGroupLayoutDescriptor::new(
+        "terrain_overlay_preview_draw_layout",
+        &preview_entries().extend_with_indices(overlay_entries),
     );
     let material_layout = BindGroupLayoutDescriptor::new(
         "terrain_material_layout",
@@ -229,8 +274,13 @@ pub(super) fn init_terrain_pipelines(
         mesh_pipeline: mesh_pipeline.clone(),
         prepass_pipeline: prepass_pipeline.clone(),
         vertex_shader: load_embedded_asset!(assets, "shaders/vertex.wgsl"),
-        draw_layout: draw_layout.clone(),
-        preview_draw_layout: preview_draw_layout.clone(),
+        draw_layouts: [
+            [draw_layout.clone(), preview_draw_layout.clone()],
+            [
+                overlay_draw_layout.clone(),
+                overlay_preview_draw_layout.clone(),
+            ],
+        ],
         material_layout: material_layout.clone(),
     });
     commands.insert_resource(TerrainPipelines {
@@ -249,6 +299,10 @@ pub(super) fn init_terrain_pipelines(
         density_layout,
         draw_layout,
         preview_draw_layout,
+        faces_layout,
+        faces_shader: load_embedded_asset!(assets, "shaders/faces.wgsl"),
+        overlay_draw_layout,
+        overlay_preview_draw_layout,
         material_layout,
         gradient_sampler: device.create_sampler(&SamplerDescriptor {
             label: Some("terrain_gradient_sampler"),
@@ -275,8 +329,16 @@ pub(super) struct TerrainDrawKey {
     pub(super) mesh: MeshPipelineKey,
     /// The material's WGSL with the entry points appended.
     pub(super) shader: Handle<Shader>,
-    /// Whether the preview of densities is blended over the material's colour.
+    /// What is laid over the material's colour.
+    pub(super) extras: DrawExtras,
+}
+
+/// What a draw shows beside the ground itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) struct DrawExtras {
+    /// The preview of densities.
     pub(super) preview: bool,
+    pub(super) overlays: bool,
 }
 
 /// Makes draw pipelines out of Bevy's own mesh and prepass pipelines.
@@ -285,8 +347,8 @@ pub(super) struct TerrainDrawPipeline {
     mesh_pipeline: MeshPipeline,
     prepass_pipeline: PrepassPipeline,
     vertex_shader: Handle<Shader>,
-    draw_layout: BindGroupLayoutDescriptor,
-    preview_draw_layout: BindGroupLayoutDescriptor,
+    /// Without overlays and with them; of either, without the preview of densities and with it.
+    draw_layouts: [[BindGroupLayoutDescriptor; 2]; 2],
     material_layout: BindGroupLayoutDescriptor,
 }
 
@@ -319,12 +381,18 @@ impl TerrainDrawPipeline {
         }
     }
 
-    fn terrain_layouts(&self, key: &TerrainDrawKey) -> [BindGroupLayoutDescriptor; 2] {
-        let draw = if key.preview {
-            &self.preview_draw_layout
+    /// Draws with overlays pull their vertices.
+    fn vertex_buffers(extras: DrawExtras) -> Vec<VertexBufferLayout> {
+        if extras.overlays {
+            Vec::new()
         } else {
-            &self.draw_layout
-        };
+            vec![Self::vertex_buffer()]
+        }
+    }
+
+    fn terrain_layouts(&self, key: &TerrainDrawKey) -> [BindGroupLayoutDescriptor; 2] {
+        let DrawExtras { preview, overlays } = key.extras;
+        let draw = &self.draw_layouts[usize::from(overlays)][usize::from(preview)];
         [draw.clone(), self.material_layout.clone()]
     }
 
@@ -353,20 +421,30 @@ impl TerrainDrawPipeline {
             "MATERIAL_BIND_GROUP".into(),
             MATERIAL_BIND_GROUP_INDEX as u32,
         );
-        descriptor.label = Some("terrain_main_pipeline".into());
+        descriptor.label = Some(if key.extras.overlays {
+            "terrain_main_overlay_pipeline".into()
+        } else {
+            "terrain_main_pipeline".into()
+        });
         descriptor.layout.truncate(TERRAIN_BIND_GROUP);
         descriptor.layout.extend(self.terrain_layouts(key));
         descriptor.vertex.shader = self.vertex_shader.clone();
         descriptor.vertex.entry_point = Some("vertex".into());
-        descriptor.vertex.buffers = vec![Self::vertex_buffer()];
+        descriptor.vertex.buffers = Self::vertex_buffers(key.extras);
         descriptor.vertex.shader_defs.push(material_group.clone());
+        if key.extras.overlays {
+            descriptor.vertex.shader_defs.push(OVERLAY_DEF.into());
+        }
         // The main pass writes no motion vectors; the view's layout asks for the definition.
         if let Some(fragment) = &mut descriptor.fragment {
             fragment.shader = key.shader.clone();
             fragment.entry_point = Some("fragment".into());
             fragment.shader_defs.push(material_group);
-            if key.preview {
+            if key.extras.preview {
                 fragment.shader_defs.push(DENSITY_PREVIEW_DEF.into());
+            }
+            if key.extras.overlays {
+                fragment.shader_defs.push(OVERLAY_DEF.into());
             }
         }
         descriptor.primitive.cull_mode = Some(Self::culled_face(key.mesh));
@@ -408,7 +486,8 @@ impl TerrainDrawPipeline {
         );
         define(deferred, "DEFERRED_PREPASS");
         define(normal || deferred, "TERRAIN_READS_MATERIAL");
-        define(key.preview, DENSITY_PREVIEW_DEF);
+        define(key.extras.preview, DENSITY_PREVIEW_DEF);
+        define(key.extras.overlays, OVERLAY_DEF);
         define(emulate_unclipped, "UNCLIPPED_DEPTH_ORTHO_EMULATION");
         let needs_fragment = normal || motion || deferred || emulate_unclipped;
         define(needs_fragment, "PREPASS_FRAGMENT");
@@ -431,6 +510,9 @@ impl TerrainDrawPipeline {
             label: Some(
                 match key.kind {
                     TerrainDrawKind::Shadow => "terrain_shadow_pipeline",
+                    TerrainDrawKind::Deferred if key.extras.overlays => {
+                        "terrain_deferred_overlay_pipeline"
+                    }
                     TerrainDrawKind::Deferred => "terrain_deferred_pipeline",
                     _ => "terrain_prepass_pipeline",
                 }
@@ -450,7 +532,7 @@ impl TerrainDrawPipeline {
                 shader: self.vertex_shader.clone(),
                 shader_defs: defs.clone(),
                 entry_point: Some("vertex".into()),
-                buffers: vec![Self::vertex_buffer()],
+                buffers: Self::vertex_buffers(key.extras),
             },
             fragment: needs_fragment.then(|| FragmentState {
                 shader: key.shader.clone(),

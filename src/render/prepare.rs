@@ -8,16 +8,17 @@ use super::gpu_types::{
     GpuTerrainVertex, GpuTerrainView,
 };
 use super::mask::GpuTables;
+use super::overlay::{OverlayBuffers, OverlayGroups, OverlayPipelines, StoredDensities};
 use super::pages::GpuTerrainPages;
-use super::pipelines::TerrainPipelines;
-use super::statistics::TerrainViewStatistics;
+use super::pipelines::{DrawExtras, TerrainPipelines};
+use super::statistics::{Measured, TerrainViewStatistics};
 use crate::detail::DetailKernel;
 use crate::tessellate::FACTOR_SCALES;
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use bevy::render::render_resource::{
-    BindGroup, BindGroupEntries, Buffer, BufferDescriptor, BufferUsages, CommandEncoder,
-    PipelineCache,
+    BindGroup, BindGroupEntries, BindGroupEntry, Buffer, BufferDescriptor, BufferUsages,
+    CommandEncoder, PipelineCache,
 };
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::sync_world::MainEntity;
@@ -86,6 +87,10 @@ pub struct GpuTerrainMesh {
     /// Rises when a buffer is replaced.
     generation: u64,
     seen: bool,
+    /// Whether it is that of the second camera of a comparison.
+    pub(super) compares: bool,
+    /// What overlays need, while any is on.
+    overlays: Option<OverlayBuffers>,
     pub(super) groups: Option<MeshBindGroups>,
 }
 
@@ -100,8 +105,36 @@ pub(super) struct MeshBindGroups {
     pub(super) draw: BindGroup,
     /// The same with the preview of densities, while there is one.
     pub(super) preview_draw: Option<BindGroup>,
-    /// Generations of the mesh, the pages, the terrain, its tables and the preview.
-    built_for: [u64; 5],
+    /// Those of overlays, while any is on and can be shown.
+    pub(super) overlays: Option<OverlayGroups>,
+    /// Generations of the mesh, the pages, the terrain, its tables, the preview, the overlays and the
+    /// densities that those show.
+    built_for: [u64; 7],
+}
+
+impl MeshBindGroups {
+    /// The bind group of a draw that shows `extras`.
+    pub(super) const fn of_draw(&self, extras: DrawExtras) -> Option<&BindGroup> {
+        match (extras, &self.overlays) {
+            (
+                DrawExtras {
+                    overlays: false,
+                    preview: false,
+                },
+                _,
+            ) => Some(&self.draw),
+            (
+                DrawExtras {
+                    overlays: false,
+                    preview: true,
+                },
+                _,
+            ) => self.preview_draw.as_ref(),
+            (DrawExtras { preview: false, .. }, Some(overlays)) => Some(&overlays.draw),
+            (DrawExtras { preview: true, .. }, Some(overlays)) => overlays.preview_draw.as_ref(),
+            (_, None) => None,
+        }
+    }
 }
 
 /// The meshes of all cameras and terrains, by (camera, terrain).
@@ -131,7 +164,7 @@ impl GpuTerrainMesh {
         &self.indices
     }
 
-    /// One [`GpuTerrainDrawArgs`].
+    /// One [`GpuTerrainDrawArgs`], which the draws are made from.
     #[must_use]
     pub const fn args(&self) -> &Buffer {
         &self.args
@@ -141,6 +174,26 @@ impl GpuTerrainMesh {
     #[must_use]
     pub const fn factors(&self) -> &Buffer {
         &self.factors
+    }
+
+    /// While the camera has overlays on: what each triangle belongs to, a
+    /// [`GpuTriangleFace`](super::GpuTriangleFace) each.
+    #[must_use]
+    pub fn triangle_faces(&self) -> Option<&Buffer> {
+        self.overlays.as_ref().map(|overlays| &overlays.faces)
+    }
+
+    /// While the camera has overlays on: the error bounds of every face's five parts, pixels as `f32`.
+    /// Not kept up while [`ErrorBound`](super::TerrainOverlay::ErrorBound) is off.
+    #[must_use]
+    pub fn part_errors(&self) -> Option<&Buffer> {
+        self.overlays.as_ref().map(|overlays| &overlays.errors)
+    }
+
+    /// Whether the mesh is to be drawn with overlays.
+    pub(super) fn has_overlays(&self) -> bool {
+        let groups = self.groups.as_ref();
+        groups.is_some_and(|groups| groups.overlays.is_some())
     }
 
     /// Nodes in this frame's view.
@@ -181,6 +234,11 @@ fn largest_room(device: &RenderDevice) -> u32 {
 }
 
 impl GpuTerrain {
+    /// Bytes of GPU memory that its tables take: page table, destruction mask and residency field.
+    pub(super) fn bytes(&self) -> u64 {
+        self.tables.buffer.size() + self.field.size()
+    }
+
     fn new(device: &RenderDevice, cache: &PipelineCache, pipelines: &TerrainPipelines) -> Self {
         let detail = buffer(
             device,
@@ -278,6 +336,8 @@ impl GpuTerrainMesh {
             uniform: GpuTerrainView::zeroed(),
             generation: 0,
             seen: false,
+            compares: false,
+            overlays: None,
             groups: None,
         }
     }
@@ -366,6 +426,23 @@ impl GpuTerrainMesh {
         }
     }
 
+    /// Bytes of GPU memory that its buffers take, those of overlays included.
+    pub(super) fn bytes(&self) -> u64 {
+        let buffers = [
+            &self.view,
+            &self.draw,
+            &self.nodes,
+            &self.factors,
+            &self.totals,
+            &self.offsets,
+            &self.args,
+            &self.vertices,
+            &self.indices,
+        ];
+        let own: u64 = buffers.into_iter().map(|buffer| buffer.size()).sum();
+        own + self.overlays.as_ref().map_or(0, OverlayBuffers::bytes)
+    }
+
     /// Whether triangle sizes are measured in this frame.
     pub(super) const fn is_measured(&self) -> bool {
         self.measured
@@ -378,7 +455,10 @@ impl GpuTerrainMesh {
             &self.args,
             self.vertex_room,
             self.width_scale,
-            self.measured,
+            Measured {
+                triangle_sizes: self.measured,
+                savings: self.uniform.counts_plain > 0,
+            },
         );
     }
 
@@ -392,6 +472,7 @@ impl GpuTerrainMesh {
         self.node_count = extracted.nodes.len() as u32;
         self.measured = extracted.measure_triangle_sizes;
         self.uniform = extracted.view;
+        self.uniform.counts_plain = u32::from(extracted.measure_savings);
         self.uniform.segments_per_radian /= self.width_scale;
         self.uniform.segments_per_m /= self.width_scale;
         self.uniform.max_error_px *= self.width_scale;
@@ -409,6 +490,26 @@ impl GpuTerrainMesh {
         queue.write_buffer(&self.counters.buffer, 0, bytemuck::bytes_of(&nothing));
     }
 
+    /// Makes room for what overlays need, where any is on and can be shown.
+    fn prepare_overlays(
+        &mut self,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+        extracted: &ExtractedView,
+        is_ready: bool,
+        generation: &mut u64,
+    ) {
+        let Some(overlays) = extracted.overlays.as_ref().filter(|_| is_ready) else {
+            self.overlays = None;
+            return;
+        };
+        *generation += 1;
+        let rooms = [2 * u64::from(self.vertex_room), self.face_room];
+        self.overlays
+            .get_or_insert_with(|| OverlayBuffers::new(device, *generation))
+            .prepare(device, queue, overlays, rooms, *generation);
+    }
+
     fn bind(
         &mut self,
         device: &RenderDevice,
@@ -416,14 +517,18 @@ impl GpuTerrainMesh {
         pipelines: &TerrainPipelines,
         pages: &GpuTerrainPages,
         terrain: &GpuTerrain,
-        preview: Option<&DensityBuffers>,
+        (preview, stored): (Option<&DensityBuffers>, &StoredDensities),
     ) {
+        let overlays = self.overlays.as_ref();
+        let overlays = overlays.and_then(|overlays| Some((overlays, stored.buffer()?)));
         let built_for = [
             self.generation,
             pages.generation,
             terrain.generation,
             terrain.tables.generation,
             preview.map_or(0, |preview| preview.generation),
+            overlays.map_or(0, |(overlays, _)| overlays.generation),
+            overlays.map_or(0, |_| stored.generation),
         ];
         if self
             .groups
@@ -524,6 +629,63 @@ impl GpuTerrainMesh {
                     )),
                 )
             }),
+            overlays: overlays.map(|(overlays, densities)| {
+                let draw = |label, layout, preview: Option<&DensityBuffers>| {
+                    let draw = BindGroupEntries::sequential((
+                        self.draw.as_entire_binding(),
+                        terrain.tables.buffer.as_entire_binding(),
+                        &pages.gradients.view,
+                        &pipelines.gradient_sampler,
+                        terrain.detail.as_entire_binding(),
+                    ));
+                    let pulled = BindGroupEntries::with_indices((
+                        (6, overlays.uniform().as_entire_binding()),
+                        (7, densities.as_entire_binding()),
+                        (8, self.view.as_entire_binding()),
+                        (9, self.vertices.as_entire_binding()),
+                        (10, self.indices.as_entire_binding()),
+                        (11, overlays.faces.as_entire_binding()),
+                        (12, overlays.errors.as_entire_binding()),
+                    ));
+                    let preview = preview.map(|preview| BindGroupEntry {
+                        binding: 5,
+                        resource: preview.densities.as_entire_binding(),
+                    });
+                    let entries: Vec<_> = draw
+                        .iter()
+                        .cloned()
+                        .chain(preview)
+                        .chain(pulled.iter().cloned())
+                        .collect();
+                    device.create_bind_group(label, &cache.get_bind_group_layout(layout), &entries)
+                };
+                OverlayGroups {
+                    faces: group(
+                        "terrain_faces_bind_group",
+                        &pipelines.faces_layout,
+                        &BindGroupEntries::with_indices((
+                            (0, self.factors.as_entire_binding()),
+                            (2, self.offsets.as_entire_binding()),
+                            (3, self.args.as_entire_binding()),
+                            (7, overlays.faces.as_entire_binding()),
+                            (8, overlays.errors.as_entire_binding()),
+                            (9, overlays.uniform().as_entire_binding()),
+                        )),
+                    ),
+                    draw: draw(
+                        "terrain_overlay_draw_bind_group",
+                        &pipelines.overlay_draw_layout,
+                        None,
+                    ),
+                    preview_draw: preview.map(|preview| {
+                        draw(
+                            "terrain_overlay_preview_draw_bind_group",
+                            &pipelines.overlay_preview_draw_layout,
+                            Some(preview),
+                        )
+                    }),
+                }
+            }),
             built_for,
         });
     }
@@ -595,6 +757,8 @@ pub(super) fn prepare_meshes(
     queue: Res<RenderQueue>,
     cache: Res<PipelineCache>,
     pipelines: Res<TerrainPipelines>,
+    (overlays, densities): (Res<OverlayPipelines>, Res<StoredDensities>),
+    mut overlay_generation: Local<u64>,
 ) {
     let _span = bevy::log::debug_span!("terrain_prepare_meshes").entered();
     for mesh in meshes.meshes.values_mut() {
@@ -609,12 +773,22 @@ pub(super) fn prepare_meshes(
             .entry((extracted.camera, extracted.terrain))
             .or_insert_with(|| GpuTerrainMesh::new(&device));
         mesh.seen = true;
+        mesh.compares = extracted.compares;
         mesh.make_room(&device, extracted);
         let preview = previews.previews.get(&extracted.terrain);
         let opacity = preview.map_or(0.0, |preview| preview.opacity);
         mesh.write(&queue, extracted, opacity, terrain.tables.mask_first());
         let preview = preview.and_then(|preview| preview.gpu.as_ref());
-        mesh.bind(&device, &cache, &pipelines, &pages, terrain, preview);
+        let generation = &mut *overlay_generation;
+        mesh.prepare_overlays(&device, &queue, extracted, overlays.is_ready, generation);
+        mesh.bind(
+            &device,
+            &cache,
+            &pipelines,
+            &pages,
+            terrain,
+            (preview, &densities),
+        );
     }
     meshes.meshes.retain(|_, mesh| mesh.seen);
 }

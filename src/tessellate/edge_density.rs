@@ -1,4 +1,5 @@
-//! How finely ground deserves to be cut: the density of an edge and of a face's inside.
+//! How finely ground deserves to be cut: the density of an edge and of a face's inside (Cervin 2012,
+//! algorithm 3.1, which reads one point of an edge).
 //!
 //! Densities scale edge factors, and so whatever is read here decides topology: all of it is
 //! integers. An edge reads the largest density of the square of its length around its middle, which
@@ -114,11 +115,11 @@ pub(super) struct Squares {
 
 /// What densities and errors are read from.
 pub struct DensityReader<'a, S> {
-    /// The terrain's grid.
+    /// The terrain's grid, which says where texels lie.
     pub lattice: &'a Lattice,
     /// The view's level of detail.
     pub lod: &'a ViewLod,
-    /// What is resident.
+    /// How finely densities may be read where.
     pub field: &'a ResidencyField,
     /// Stored densities and errors.
     pub source: &'a S,
@@ -174,14 +175,14 @@ impl<S: PageSource> DensityReader<'_, S> {
     }
 
     /// The density of the edge between control vertices `a` and `b`, counted in faces from the
-    /// corner `origin` of a node of `level`, in units of [`DENSITY_ONE`].
+    /// corner `origin` of a node of `level`, in units of [`DENSITY_ONE`] (Cervin 2012, algorithm 3.1).
     #[must_use]
     pub fn edge_density(&self, level: i32, origin: IVec2, a: IVec2, b: IVec2) -> u32 {
         self.density(&self.edge_squares(level, origin, a, b))
     }
 
     /// The density of the inside of face `ij` of a node of `level` with corner `origin`, in units of
-    /// [`DENSITY_ONE`].
+    /// [`DENSITY_ONE`] (Cervin 2012, algorithm 3.1).
     #[must_use]
     pub fn face_density(&self, level: i32, origin: IVec2, ij: IVec2) -> u32 {
         self.density(&self.face_squares(level, origin, ij))

@@ -40,9 +40,9 @@ fn blended(fine: &ErrorBounds, coarse: &ErrorBounds, part: u32) -> ErrorBounds {
 /// Bounds, and the level whose samples they count in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LevelErrors {
-    /// The bounds.
+    /// The bounds of the ground, at the level that is read.
     pub bounds: ErrorBounds,
-    /// The level.
+    /// The level that they are of.
     pub level: u32,
 }
 
@@ -131,9 +131,42 @@ pub fn error_spacing(bounds: &ErrorBounds, allowed: f32) -> f32 {
     length
 }
 
+/// The bound at edges of `spacing` samples: what [`error_spacing`] turns round. Beyond the last entry it
+/// goes on as it rose to it.
+#[must_use]
+pub fn error_at(bounds: &ErrorBounds, spacing: f32) -> f32 {
+    if spacing <= 1.0 {
+        return bounds[0] as f32 * spacing;
+    }
+    let mut length = 1.0;
+    let mut k = 1;
+    while k + 1 < ERROR_SPACINGS && spacing > 2.0 * length {
+        length *= 2.0;
+        k += 1;
+    }
+    let (low, high) = (bounds[k - 1] as f32, bounds[k] as f32);
+    let longer = spacing / length;
+    low + (high - low) * ((longer * longer - 1.0) / 3.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_error_at_the_spacing_for_an_error_is_that_error() {
+        let bounds = [10, 30, 31, 120, 500, 900, 2000];
+        for allowed in 1..2000 {
+            let found = error_at(&bounds, error_spacing(&bounds, allowed as f32));
+            assert!(
+                (found - allowed as f32).abs() < 2e-3 * found,
+                "{allowed}: {found}"
+            );
+        }
+        assert_eq!(error_at(&bounds, 64.0), 2000.0);
+        assert_eq!(error_at(&bounds, 0.5), 5.0);
+        assert!(error_at(&bounds, 80.0) > 2000.0);
+    }
 
     #[test]
     fn spacings_rise_with_what_is_allowed_without_a_jump() {

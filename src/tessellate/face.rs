@@ -53,7 +53,7 @@ impl FaceFactors {
 pub struct Face {
     /// Lattice points of the corners.
     pub corners: [IVec2; 4],
-    /// Fixed-point factors.
+    /// Its factors, fixed point with [`FACTOR_LOG2`](super::FACTOR_LOG2) fractional bits.
     pub factors: FaceFactors,
     /// How factors become segments.
     pub partitioning: Partitioning,

@@ -1,6 +1,6 @@
 //! How finely an edge is cut: the projected size of the sphere around it.
 
-use super::edge_error::{GroundErrors, LevelErrors, error_spacing};
+use super::edge_error::{GroundErrors, LevelErrors, error_at, error_spacing};
 use super::{DENSITY_ONE, FACTOR_MAX, FACTOR_ONE};
 use crate::lattice::ONE;
 use glam::{IVec2, Vec2, Vec3};
@@ -8,7 +8,7 @@ use glam::{IVec2, Vec2, Vec3};
 /// One end of an edge: its lattice point and the displaced height there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeEnd {
-    /// Lattice point.
+    /// Its lattice point, morphed.
     pub point: IVec2,
     /// Height in metres above the terrain's origin, read at the end's own level of detail.
     pub height_m: f32,
@@ -32,7 +32,7 @@ pub struct FactorView {
     pub segments_per_m: f32,
     /// No edge is cut into segments shorter than this on the ground, in metres.
     pub min_triangle_m: f32,
-    /// The largest factor, at most 64.
+    /// The most segments that an edge gets, 1 to 64.
     pub max_factor: f32,
     /// Pixels a radian in the middle of the picture: the focal length; 0 in orthographic views.
     pub focal_px: f32,
@@ -44,7 +44,7 @@ pub struct FactorView {
     /// Units of [`ErrorBounds`](super::ErrorBounds) that make a metre.
     pub error_units_per_m: f32,
     /// How far densities count, 0 (not at all) to 1 (in full): a factor is scaled by
-    /// `1 - strength + strength * density`.
+    /// `1 - strength + strength * density` (in full as in Cervin 2012, algorithm 3.1).
     pub density_strength: f32,
 }
 
@@ -53,13 +53,15 @@ pub struct FactorView {
 const SQUARE_REACH: f32 = 0.707_106_77;
 /// The longest edge of a triangle, in lengths of a segment: the diagonal of a square.
 const STRETCH: f32 = std::f32::consts::SQRT_2;
+/// Nearer than this no ground is taken to be when its error is to be named in pixels, metres.
+const NEAREST_M: f32 = 1e-3;
 
 /// An edge as the eye sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProjectedEdge {
-    /// Segments that the view wants, were the ground as rough as can be.
+    /// Segments that the view wants, were the ground as rough as can be; 0 or more, not whole.
     pub wanted: f32,
-    /// The most that it may have, by its length on the ground and the view's limit.
+    /// The most segments that it may have, by its length on the ground and the view's limit.
     pub limit: f32,
     /// Its length on the ground, metres.
     pub length_m: f32,
@@ -71,7 +73,7 @@ impl FactorView {
     /// The edge between `a` and `b` as the eye sees it.
     ///
     /// The diameter of the sphere around the displaced edge, projected, over the triangle width
-    /// (Cantlay 2011, figure 7: a projected edge would vanish at grazing views, a sphere doesn't).
+    /// (Cantlay 2011, figures 6 and 7: a projected edge would vanish at grazing views, a sphere doesn't).
     /// Depends on the two ends alone, in the order that
     /// the edge is [cut in](super::edge_ends).
     #[must_use]
@@ -127,6 +129,27 @@ impl FactorView {
                 let part = *morph as f32 / ONE as f32;
                 fine * (1.0 - part) + by_level(coarse) * part
             }
+        }
+    }
+
+    /// What `errors` say of the vertical error that triangles leave beside an edge that is cut by
+    /// `factor` (fixed point), in pixels on the screen, where samples of level 0 are `sample_m` apart.
+    /// What [`wanted_by_error`](Self::wanted_by_error) turns round.
+    #[must_use]
+    pub fn error_px(
+        &self,
+        edge: &ProjectedEdge,
+        errors: &LevelErrors,
+        factor: u32,
+        sample_m: f32,
+    ) -> f32 {
+        let segment_m = STRETCH * edge.length_m * FACTOR_ONE as f32 / factor as f32;
+        let spacing = segment_m / (sample_m * (1_u32 << errors.level) as f32);
+        let error_m = error_at(&errors.bounds, spacing) / self.error_units_per_m;
+        if self.focal_px > 0.0 {
+            error_m * self.focal_px / edge.nearest_m.max(NEAREST_M)
+        } else {
+            error_m * self.px_per_m
         }
     }
 

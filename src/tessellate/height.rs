@@ -21,7 +21,7 @@ pub trait PageSource {
     fn density(&self, tile: TileAddress, x: i32, z: i32) -> Option<u8>;
 }
 
-/// Tiles by address.
+/// Tiles by address, as a view reads them.
 #[derive(Clone, Debug, Default)]
 pub struct Pages {
     /// The tiles that are there.

@@ -16,7 +16,7 @@ const AROUND: [IVec2; 4] = [IVec2::ZERO, IVec2::X, IVec2::ONE, IVec2::Y];
 /// A vertex as the passes write it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TerrainVertex {
-    /// Lattice point.
+    /// Its lattice point, morphed.
     pub point: IVec2,
     /// Height in metres above the terrain's origin.
     pub height_m: f32,
@@ -57,11 +57,11 @@ enum Asked {
 
 /// Everything that a view's mesh follows from.
 pub struct ViewMesh<'a, S: PageSource> {
-    /// The terrain's grid.
+    /// The terrain's grid, with the view's faces a side.
     pub lattice: &'a Lattice,
     /// The view's level of detail.
     pub lod: &'a ViewLod,
-    /// What is resident.
+    /// How finely heights may be read where.
     pub field: &'a ResidencyField,
     /// What factors follow from.
     pub factor_view: &'a FactorView,
@@ -69,7 +69,7 @@ pub struct ViewMesh<'a, S: PageSource> {
     pub partitioning: Partitioning,
     /// Stored heights and densities.
     pub pages: &'a S,
-    /// Metres of a stored 0.
+    /// Height of a stored 0, metres above the terrain's origin.
     pub height_min_m: f32,
     /// Metres a stored unit.
     pub height_step_m: f32,
@@ -166,7 +166,7 @@ impl<S: PageSource> ViewMesh<'_, S> {
     }
 
     /// Column and row of face `face` in its node.
-    fn place(&self, face: u32) -> IVec2 {
+    pub(super) fn place(&self, face: u32) -> IVec2 {
         let side = 1 << self.lattice.faces_log2;
         IVec2::new(face.cast_signed() % side, face.cast_signed() / side)
     }
@@ -226,6 +226,36 @@ impl<S: PageSource> ViewMesh<'_, S> {
             inside: [insides[0].max(insides[2]), insides[1].max(insides[3])],
             culled: false,
         }
+    }
+
+    /// `classify` while savings are counted: the factors that a face would have at a density strength of
+    /// 0. Under the policy of errors, which asks no density, those that it has.
+    #[must_use]
+    pub fn classify_plain(&self, node: &Node, face: u32) -> FaceFactors {
+        let corners = self.corners(node, face);
+        if self.factor_view.max_error_px > 0.0 || self.is_culled(node, &corners) {
+            return self.classify(node, face);
+        }
+        let ends = corners.map(|point| EdgeEnd {
+            point,
+            height_m: self.displaced(point, node.level).0,
+        });
+        let edges = std::array::from_fn(|e| {
+            let [a, b] = edge_ends(e).map(|corner| ends[corner]);
+            let edge = self.factor_view.project(a, b);
+            FactorView::fixed(edge.wanted, edge.limit)
+        });
+        FaceFactors {
+            edges,
+            inside: [edges[0].max(edges[2]), edges[1].max(edges[3])],
+            culled: false,
+        }
+    }
+
+    /// Vertices and triangles of faces with these factors, were there room enough.
+    #[must_use]
+    pub fn totals(&self, factors: &[FaceFactors]) -> [u64; 2] {
+        self.totals_at(factors, 0)
     }
 
     /// What `squares` ask for by the view's policy, where detail needs a density of `needed`.
@@ -319,19 +349,25 @@ impl<S: PageSource> ViewMesh<'_, S> {
         let last = FACTOR_SCALES as u32 - 1;
         (0..last)
             .find(|&scale| {
-                let (mut vertices, mut triangles) = (0_u64, 0_u64);
-                for factors in factors.iter().filter(|factors| !factors.culled) {
-                    let counts = self.face([IVec2::ZERO; 4], factors, scale).counts();
-                    vertices += u64::from(counts.vertices());
-                    triangles += u64::from(counts.triangles());
-                }
+                let [vertices, triangles] = self.totals_at(factors, scale);
                 vertices <= u64::from(self.max_vertices)
                     && triangles <= u64::from(self.max_triangles)
             })
             .unwrap_or(last)
     }
 
-    fn face(&self, corners: [IVec2; 4], factors: &FaceFactors, scale: u32) -> Face {
+    fn totals_at(&self, factors: &[FaceFactors], scale: u32) -> [u64; 2] {
+        let drawn = factors.iter().filter(|factors| !factors.culled);
+        drawn.fold([0, 0], |[vertices, triangles], factors| {
+            let counts = self.face([IVec2::ZERO; 4], factors, scale).counts();
+            [
+                vertices + u64::from(counts.vertices()),
+                triangles + u64::from(counts.triangles()),
+            ]
+        })
+    }
+
+    pub(super) fn face(&self, corners: [IVec2; 4], factors: &FaceFactors, scale: u32) -> Face {
         Face {
             corners,
             factors: factors.scaled(scale),

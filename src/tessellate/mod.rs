@@ -13,6 +13,7 @@
 mod edge_density;
 mod edge_error;
 mod face;
+mod faces;
 mod factor;
 mod height;
 mod mesh;
@@ -21,8 +22,9 @@ mod strip;
 mod volume;
 
 pub use edge_density::{DENSITY_ONE, DensityReader};
-pub use edge_error::{ErrorBounds, GroundErrors, LevelErrors, error_spacing};
+pub use edge_error::{ErrorBounds, GroundErrors, LevelErrors, error_at, error_spacing};
 pub use face::{Face, FaceCounts, FaceFactors, FaceVertex, edge_ends};
+pub use faces::{FacePart, TriangleFace};
 pub use factor::{EdgeEnd, FactorView, ProjectedEdge};
 pub use height::{PageSource, Pages, height};
 pub use mesh::{FaceCulling, TerrainMesh, TerrainVertex, ViewMesh};

@@ -10,8 +10,8 @@ pub const FACTOR_ONE: u32 = 1 << FACTOR_LOG2;
 /// The largest edge factor, 64 segments.
 pub const FACTOR_MAX: u32 = 64 << FACTOR_LOG2;
 
-/// How a real edge factor becomes whole segments (hardware tessellation's partitioning modes, and
-/// one more).
+/// How a real edge factor becomes whole segments: hardware tessellation's four partitioning modes (Cervin
+/// 2012, section 2.3), and one more.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "ecs", derive(bevy::prelude::Reflect))]
 #[non_exhaustive]
@@ -35,7 +35,7 @@ pub enum Partitioning {
 }
 
 impl Partitioning {
-    /// All ways.
+    /// All ways, the fractional ones first.
     pub const ALL: [Self; 5] = [
         Self::FractionalOdd,
         Self::FractionalEven,

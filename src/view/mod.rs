@@ -1,10 +1,17 @@
 //! Where the eyes are: what each camera's level of detail on each terrain follows from.
 
+#[cfg(feature = "render")]
+mod eye;
+
 pub use crate::terrain::GroundQuery;
+#[cfg(feature = "render")]
+pub(crate) use eye::{EyePlugin, EyeSystems, HeldLod};
+#[cfg(feature = "render")]
+pub use eye::{HeldTerrainEye, TerrainEye};
 
 use crate::lattice::{Lattice, ViewLod};
 use crate::stream::TerrainState;
-use crate::terrain::{Terrain, TerrainCamera};
+use crate::terrain::{Terrain, TerrainCamera, TerrainCpuStage, TerrainCpuTimes};
 use crate::tile::TILE_SAMPLES;
 use bevy::ecs::entity::EntityHashSet;
 use bevy::log::{error, warn};
@@ -114,8 +121,7 @@ impl Placement {
 
 /// The height in world units of what an orthographic projection shows; `None` for a perspective.
 #[cfg(feature = "render")]
-fn orthographic_height(projection: &Projection) -> Option<f64> {
-    let clip_from_view = projection.get_clip_from_view();
+fn orthographic_height(clip_from_view: &Mat4) -> Option<f64> {
     let is_parallel = clip_from_view.w_axis.w == 1.0;
     is_parallel.then(|| (2.0 / f64::from(clip_from_view.y_axis.y)).abs())
 }
@@ -134,12 +140,15 @@ struct Optics {
 impl Optics {
     #[cfg(feature = "render")]
     fn new(projection: Option<&Projection>, camera: Option<&Camera>) -> Self {
-        let parallel_height = projection.and_then(orthographic_height);
         let height_px = camera.and_then(Camera::physical_viewport_size);
+        // A camera that has been computed knows whether it draws a part of a larger picture.
+        let clip_from_view = match (camera, height_px) {
+            (Some(camera), Some(_)) => Some(camera.clip_from_view()),
+            _ => projection.map(|projection| projection.get_clip_from_view()),
+        };
+        let parallel_height = clip_from_view.as_ref().and_then(orthographic_height);
         let height_px = height_px.map_or(0.0, |size| size.y as f32);
-        let slope = projection.map_or(0.0, |projection| {
-            projection.get_clip_from_view().y_axis.y.abs()
-        });
+        let slope = clip_from_view.map_or(0.0, |clip_from_view| clip_from_view.y_axis.y.abs());
         // Half the picture's height over the tangent of half the field of view, or over half the
         // height of a parallel one.
         let focal_px = 0.5 * height_px * slope;
@@ -200,6 +209,8 @@ type CameraData = (
     &'static mut TerrainViews,
     Option<&'static Projection>,
     Option<&'static Camera>,
+    Option<&'static HeldTerrainEye>,
+    Option<&'static HeldLod>,
 );
 #[cfg(not(feature = "render"))]
 type CameraData = (
@@ -214,16 +225,18 @@ pub(crate) fn update_views(
     mut cameras: Query<CameraData>,
     terrains: Query<(Entity, &TerrainState, &GlobalTransform), With<Terrain>>,
     time: Res<Time<Real>>,
+    times: Res<TerrainCpuTimes>,
     mut warned: Local<EntityHashSet>,
     mut before: Local<Vec<TerrainView>>,
 ) {
     let _span = bevy::log::debug_span!("terrain_views").entered();
+    let _time = times.measure(TerrainCpuStage::View);
     if !warned.is_empty() {
         warned.retain(|terrain| terrains.contains(*terrain));
     }
     for camera in &mut cameras {
         #[cfg(feature = "render")]
-        let (entity, settings, transform, mut views, projection, camera) = camera;
+        let (entity, settings, transform, mut views, projection, camera, held, held_lod) = camera;
         #[cfg(not(feature = "render"))]
         let (entity, settings, transform, mut views) = camera;
         before.clear();
@@ -233,7 +246,11 @@ pub(crate) fn update_views(
             continue;
         }
         #[cfg(feature = "render")]
-        let optics = Optics::new(projection, camera);
+        let optics = held_lod
+            .and_then(|held| held.optics)
+            .unwrap_or_else(|| Optics::new(projection, camera));
+        #[cfg(feature = "render")]
+        let transform = held.map_or(transform, |held| &held.lod);
         #[cfg(not(feature = "render"))]
         let optics = Optics::default();
 
@@ -509,12 +526,12 @@ mod tests {
         use bevy::camera::{OrthographicProjection, PerspectiveProjection};
         let mut parallel = OrthographicProjection::default_3d();
         parallel.area = Rect::new(-8.0, -6.0, 8.0, 6.0);
-        let height = orthographic_height(&Projection::Orthographic(parallel));
+        let height = orthographic_height(&Projection::Orthographic(parallel).get_clip_from_view());
         assert!(
             height.is_some_and(|height| (height - 12.0).abs() < 1e-4),
             "{height:?}"
         );
         let perspective = Projection::Perspective(PerspectiveProjection::default());
-        assert_eq!(orthographic_height(&perspective), None);
+        assert_eq!(orthographic_height(&perspective.get_clip_from_view()), None);
     }
 }

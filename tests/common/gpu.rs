@@ -12,12 +12,14 @@ use bevy_tessera::bake::{BakeSettings, bake};
 use bevy_tessera::detail::DetailKernel;
 use bevy_tessera::lattice::{Lattice, Node, ResidencyField, ViewLod};
 use bevy_tessera::render::{
-    GpuFaceFactors, GpuTerrainDrawArgs, GpuTerrainMeshes, GpuTerrainVertex, TerrainNodes,
-    TerrainRenderSystems, factor_view,
+    GpuFaceFactors, GpuTerrainDrawArgs, GpuTerrainMeshes, GpuTerrainVertex, GpuTriangleFace,
+    TerrainNodes, TerrainRenderSystems, factor_view,
 };
 use bevy_tessera::stream::{TerrainState, TerrainTiles};
 use bevy_tessera::terrain::{Terrain, TerrainCamera, TerrainSettings};
-use bevy_tessera::tessellate::{FaceFactors, FactorView, Pages, TerrainVertex, ViewMesh};
+use bevy_tessera::tessellate::{
+    FaceFactors, FacePart, FactorView, Pages, TerrainVertex, TriangleFace, ViewMesh,
+};
 use bevy_tessera::tile::TileAddress;
 use bevy_tessera::view::TerrainViews;
 use std::path::Path;
@@ -78,6 +80,9 @@ pub struct ReadBack {
     pub max_vertices: u32,
     pub height_min_m: f32,
     pub height_step_m: f32,
+    /// What each triangle belongs to, and the error bounds of faces' parts, while overlays are on.
+    pub triangle_faces: Vec<TriangleFace>,
+    pub part_errors: Vec<f32>,
 }
 
 /// While it is there, only what is seen is drawn.
@@ -234,6 +239,15 @@ impl Kernels {
             settings,
             height_min_m: file.height_min_m as f32,
             height_step_m: file.height_step_m as f32,
+            triangle_faces: mesh.triangle_faces().map_or_else(Vec::new, |buffer| {
+                read::<GpuTriangleFace>(render, buffer, args.triangles as usize)
+                    .into_iter()
+                    .map(TriangleFace::from)
+                    .collect()
+            }),
+            part_errors: mesh.part_errors().map_or_else(Vec::new, |buffer| {
+                read(render, buffer, FacePart::ALL.len() * faces)
+            }),
         }
     }
 }

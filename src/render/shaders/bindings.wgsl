@@ -1,8 +1,19 @@
 #define_import_path bevy_tessera::bindings
 
 #import bevy_tessera::detail::Detail
-#import bevy_tessera::types::{COUNTERS, TerrainView, TerrainNode, TerrainVertex, TerrainDrawArgs}
+#import bevy_tessera::types::{
+    COUNTERS, TerrainView, TerrainNode, TerrainVertex, TerrainDrawArgs, TerrainOverlays,
+}
 
+#ifdef TERRAIN_OVERLAY
+// What the vertex shader of a draw with overlays reads beside the draw's own bindings.
+@group(2) @binding(8) var<uniform> terrain_view: TerrainView;
+@group(2) @binding(9) var<storage, read> pulled_vertices: array<TerrainVertex>;
+@group(2) @binding(10) var<storage, read> pulled_indices: array<u32>;
+@group(2) @binding(11) var<storage, read> pulled_faces: array<vec2<u32>>;
+@group(2) @binding(12) var<storage, read> pulled_errors: array<f32>;
+@group(2) @binding(13) var<storage, read> residency_field: array<u32>;
+#else
 // Group 0: what a view's mesh is made from.
 @group(0) @binding(0) var<uniform> terrain_view: TerrainView;
 @group(0) @binding(1) var<storage, read> nodes: array<TerrainNode>;
@@ -27,3 +38,7 @@
 @group(1) @binding(5) var<storage, read_write> mesh_indices: array<u32>;
 @group(1) @binding(5) var<storage, read> drawn_indices: array<u32>;
 @group(1) @binding(6) var<storage, read_write> counters: array<atomic<u32>, COUNTERS>;
+@group(1) @binding(7) var<storage, read_write> triangle_faces: array<vec2<u32>>;
+@group(1) @binding(8) var<storage, read_write> part_errors: array<f32>;
+@group(1) @binding(9) var<uniform> face_overlays: TerrainOverlays;
+#endif

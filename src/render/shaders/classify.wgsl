@@ -2,62 +2,27 @@
 // of vertices and triangles at every scale that the view may have to be brought down to.
 
 #import bevy_tessera::types::{
-    COUNTER_CLAMPED, COUNTER_CULLED, COUNTER_EDGES, COUNTER_FACES, COUNTER_FACTORS, COUNTER_SIZES,
-    DENSITY_ONE, ONE, FACTOR_ONE, FACTOR_MAX, FACTOR_SCALES, TerrainNode,
+    COUNTER_CLAMPED, COUNTER_CULLED, COUNTER_EDGES, COUNTER_FACES, COUNTER_FACTORS,
+    COUNTER_PLAIN_TRIANGLES, COUNTER_PLAIN_VERTICES, COUNTER_SIZES, DENSITY_ONE, ONE, FACTOR_ONE, FACTOR_MAX, FACTOR_SCALES, TerrainNode,
 }
 #import bevy_tessera::bindings::{
     terrain_view, terrain_detail, nodes, classified_factors, classified_totals, counters,
 }
 #import bevy_tessera::detail::detail_density
 #import bevy_tessera::height::displaced_m
+#import bevy_tessera::edge::{ProjectedEdge, STRETCH, error_sample_m, project_edge}
 #import bevy_tessera::edge_density::{Squares, edge_squares, face_squares, squares_density}
-#import bevy_tessera::edge_error::{error_level, error_spacing, square_errors}
+#import bevy_tessera::edge_error::{error_spacing, square_errors}
 #import bevy_tessera::face::{
     FaceFactors, edge_ends, face_corners, face_place, face_places_around, face_totals, pack_factors,
     scaled_factors,
 }
 
-var<workgroup> vertex_totals: array<atomic<u32>, 7>;
-var<workgroup> triangle_totals: array<atomic<u32>, 7>;
+// At each scale, then at a density strength of 0.
+var<workgroup> vertex_totals: array<atomic<u32>, 8>;
+var<workgroup> triangle_totals: array<atomic<u32>, 8>;
 // Counters up to the histogram of triangle sizes.
 var<workgroup> node_counters: array<atomic<u32>, 32>;
-
-// How far the square beside an edge reaches from its middle, in lengths of the edge: half a diagonal.
-const SQUARE_REACH: f32 = 0.70710677;
-// The longest edge of a triangle, in lengths of a segment: the diagonal of a square.
-const STRETCH: f32 = 1.4142135;
-
-// An edge as the eye sees it.
-struct ProjectedEdge {
-    // Segments that the view wants, were the ground as rough as can be.
-    wanted: f32,
-    // The most that it may have.
-    limit: f32,
-    length_m: f32,
-    // From the eye to the nearest ground of the square beside it.
-    nearest_m: f32,
-}
-
-fn project_edge(a: vec2<i32>, a_height_m: f32, b: vec2<i32>, b_height_m: f32) -> ProjectedEdge {
-    let span = vec2<f32>(b - a) * terrain_view.unit_m;
-    let length_m = length(span);
-    let rise_m = b_height_m - a_height_m;
-    let diameter_m = sqrt(dot(span, span) + rise_m * rise_m);
-    let from_eye = (a - terrain_view.eye) + (b - terrain_view.eye);
-    let plane_m = (vec2<f32>(from_eye) * 0.5 - terrain_view.eye_fraction) * terrain_view.unit_m;
-    let height = 0.5 * (a_height_m + b_height_m) - terrain_view.eye_height_m;
-    let distance_m = max(length(vec3(plane_m.x, height, plane_m.y)), 0.5 * diameter_m);
-    var projected = 0.0;
-    if distance_m > 0.0 {
-        projected = diameter_m * terrain_view.segments_per_radian / distance_m;
-    }
-    return ProjectedEdge(
-        projected + diameter_m * terrain_view.segments_per_m,
-        min(length_m / terrain_view.min_triangle_m, terrain_view.max_factor),
-        length_m,
-        max(distance_m - SQUARE_REACH * diameter_m, 0.0),
-    );
-}
 
 // What the ground beside an edge, or inside a face, asks for: the part of a projected edge's segments
 // by density, or what its triangles leave, by the view's policy.
@@ -69,12 +34,6 @@ struct Asked {
     fine_sample_m: f32,
     coarse_sample_m: f32,
     part: f32,
-}
-
-// Metres between the samples that errors of faces of a level count in.
-fn error_sample_m(level: i32) -> f32 {
-    let sample_m = terrain_view.unit_m * f32(1u << terrain_view.unit_shift);
-    return sample_m * f32(1u << error_level(level));
 }
 
 // `detail` is the weight of detail there.
@@ -168,7 +127,7 @@ fn classify(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let node_index = workgroup.y * workgroups.x + workgroup.x;
-    if lane < FACTOR_SCALES {
+    if lane <= FACTOR_SCALES {
         atomicStore(&vertex_totals[lane], 0u);
         atomicStore(&triangle_totals[lane], 0u);
     }
@@ -204,6 +163,8 @@ fn classify(
             let most_detail = max(max(details[0], details[1]), max(details[2], details[3]));
             let inside = ask(face_squares(node.level, node.origin, place), most_detail);
             var insides: vec4<u32>;
+            // Factors at a density strength of 0, where nothing of the density counts.
+            var plains: vec4<u32>;
             var clamped = 0u;
             for (var e = 0u; e < 4u; e++) {
                 let next = (e + 1u) % 4u;
@@ -216,6 +177,9 @@ fn classify(
                 let wanted = wanted_segments(edge, beside);
                 factors.edges[e] = fixed_factor(wanted, edge.limit);
                 insides[e] = fixed_factor(wanted_segments(edge, inside), edge.limit);
+                if terrain_view.counts_plain > 0u {
+                    plains[e] = fixed_factor(edge.wanted, edge.limit);
+                }
                 let is_clamped = wanted > edge.limit && edge.limit >= terrain_view.max_factor;
                 clamped += u32(is_clamped);
             }
@@ -227,8 +191,14 @@ fn classify(
             for (var e = 0u; e < 4u; e++) {
                 atomicAdd(&node_counters[COUNTER_FACTORS + factor_bin(factors.edges[e])], 1u);
             }
-            for (var s = 0u; s < FACTOR_SCALES; s++) {
-                let totals = face_totals(scaled_factors(factors, s));
+            let rounds = FACTOR_SCALES + terrain_view.counts_plain;
+            for (var s = 0u; s < rounds; s++) {
+                var counted = scaled_factors(factors, s % FACTOR_SCALES);
+                // Under the policy of errors no density is asked, and nothing would change.
+                if s == FACTOR_SCALES && terrain_view.max_error_px <= 0.0 {
+                    counted = FaceFactors(plains, max(plains.xy, plains.zw), false);
+                }
+                let totals = face_totals(counted);
                 atomicAdd(&vertex_totals[s], totals.x);
                 atomicAdd(&triangle_totals[s], totals.y);
             }
@@ -241,6 +211,10 @@ fn classify(
         if count > 0u {
             atomicAdd(&counters[lane], count);
         }
+    }
+    if lane == FACTOR_SCALES && terrain_view.counts_plain > 0u {
+        atomicAdd(&counters[COUNTER_PLAIN_VERTICES], atomicLoad(&vertex_totals[lane]));
+        atomicAdd(&counters[COUNTER_PLAIN_TRIANGLES], atomicLoad(&triangle_totals[lane]));
     }
     if lane < FACTOR_SCALES && node_index < terrain_view.node_count {
         classified_totals[node_index * FACTOR_SCALES + lane] =

@@ -3,9 +3,8 @@
 // The preview of densities over the ground's colour, in the colours of Cervin's figures.
 
 #import bevy_tessera::types::{DENSITY_PAGE_WORDS, NO_PAGE}
-#import bevy_tessera::surface::{
-    terrain_draw, sample_place, surface_level, SurfacePage, surface_page,
-}
+#import bevy_tessera::density_texel::{density_texel, unpacked_density}
+#import bevy_tessera::surface::{terrain_draw, sample_place, surface_level, surface_page}
 
 // Four texels a word, row by row, a page after the other.
 @group(2) @binding(5) var<storage, read> density_pages: array<u32>;
@@ -19,10 +18,9 @@ fn level_density(place: vec2<f32>, wanted: i32) -> f32 {
     if found.page == NO_PAGE {
         return 0.0;
     }
-    let texel = vec2<u32>(clamp(vec2<i32>(floor(found.local / 4.0)), vec2(0), vec2(31)));
+    let texel = density_texel(found);
     let index = texel.y * 32u + texel.x;
-    let word = density_pages[found.page * DENSITY_PAGE_WORDS + index / 4u];
-    return f32((word >> (8u * (index % 4u))) & 0xffu) / 255.0;
+    return unpacked_density(density_pages[found.page * DENSITY_PAGE_WORDS + index / 4u], index);
 }
 
 // A colour with the preview over it; the density is blended over two levels like the heights.

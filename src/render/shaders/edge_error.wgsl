@@ -92,6 +92,25 @@ fn square_errors(square: Square) -> array<u32, 7> {
     return largest;
 }
 
+// The bound at edges of `spacing` samples: what `error_spacing` turns round. Beyond the last entry it
+// goes on as it rose to it.
+fn error_at(bounds_in: array<u32, 7>, spacing: f32) -> f32 {
+    var bounds = bounds_in;
+    if spacing <= 1.0 {
+        return f32(bounds[0]) * spacing;
+    }
+    var cut_length = 1.0;
+    var k = 1u;
+    while k < 6u && spacing > 2.0 * cut_length {
+        cut_length *= 2.0;
+        k++;
+    }
+    let low = f32(bounds[k - 1u]);
+    let high = f32(bounds[k]);
+    let longer = spacing / cut_length;
+    return low + (high - low) * ((longer * longer - 1.0) / 3.0);
+}
+
 // The longest edge, in samples, whose triangles leave no more than `allowed`.
 fn error_spacing(bounds_in: array<u32, 7>, allowed: f32) -> f32 {
     var bounds = bounds_in;

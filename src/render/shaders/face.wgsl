@@ -207,6 +207,54 @@ fn face_triangles(counts: FaceCounts) -> u32 {
     return 2u * grid.x * grid.y + edge_total(counts) + 2u * (grid.x + grid.y);
 }
 
+// The part of a face that its inner grid is; parts before it are the strips along the edges.
+const INSIDE: u32 = 4u;
+
+// The part that triangle `index` belongs to.
+fn triangle_part(counts_in: FaceCounts, index: u32) -> u32 {
+    var counts = counts_in;
+    if counts.inner.x == 0u {
+        return INSIDE;
+    }
+    if is_nested() {
+        let side = counts.inner.x;
+        let at = vec2((index / 2u) % side, (index / 2u) / side);
+        if index % 2u == 0u {
+            if at.y == 0u {
+                return 0u;
+            }
+            return select(INSIDE, 1u, at.x == side - 1u);
+        }
+        if at.y == side - 1u {
+            return 2u;
+        }
+        return select(INSIDE, 3u, at.x == 0u);
+    }
+    let grid = counts.inner - 2u;
+    let grid_triangles = 2u * grid.x * grid.y;
+    if index < grid_triangles {
+        return INSIDE;
+    }
+    var rest = index - grid_triangles;
+    for (var e = 0u; e < 3u; e++) {
+        let strip = counts.edge[e] + select(grid.x, grid.y, e % 2u == 1u);
+        if rest < strip {
+            return e;
+        }
+        rest -= strip;
+    }
+    return 3u;
+}
+
+// The fixed-point factor of a part; inside, the larger of the two.
+fn part_factor(factors: FaceFactors, part: u32) -> u32 {
+    if part != INSIDE {
+        return factors.edges[part];
+    }
+    let inner = inner_factors(factors);
+    return max(inner.x, inner.y);
+}
+
 // The ends of edge `e` of a face in the order that it is cut in, counted around the face: all edges are
 // cut the way that their axis rises, so that the faces on both sides agree.
 fn edge_ends(e: u32) -> vec2<u32> {

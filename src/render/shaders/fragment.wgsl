@@ -12,6 +12,9 @@
 #ifdef TERRAIN_DENSITY_PREVIEW
 #import bevy_tessera::density_preview as terrain_density_module
 #endif
+#ifdef TERRAIN_OVERLAY
+#import bevy_tessera::overlay as terrain_overlay_module
+#endif
 #ifdef PREPASS_PIPELINE
 #ifdef DEFERRED_PREPASS
 #import bevy_pbr::pbr_deferred_functions as terrain_deferred_functions
@@ -26,8 +29,10 @@
 #endif
 #endif
 
+// `after` is left alone, or becomes what is to be laid over the picture and how much of that is left.
 fn terrain_pbr_input(
     in: terrain_vertex_module::TerrainVertexOutput,
+    after: ptr<function, vec4<f32>>,
 ) -> terrain_pbr_types::PbrInput {
     let world_from_eye = terrain_surface_module::terrain_draw.world_from_eye;
     var surface: terrain_surface_module::TerrainSurface;
@@ -67,6 +72,16 @@ fn terrain_pbr_input(
         color.a,
     );
 #endif
+#ifdef TERRAIN_OVERLAY
+    pbr = terrain_overlay_module::overlaid(
+        pbr,
+        surface,
+        in.lambda,
+        in.overlay_own,
+        in.overlay_of_triangle,
+        after,
+    );
+#endif
     return pbr;
 }
 
@@ -93,7 +108,8 @@ struct TerrainPrepassOutput {
 fn fragment(in: terrain_vertex_module::TerrainVertexOutput) -> TerrainPrepassOutput {
     var out: TerrainPrepassOutput;
 #ifdef TERRAIN_READS_MATERIAL
-    let pbr = terrain_pbr_input(in);
+    var after = vec4(0.0, 0.0, 0.0, 1.0);
+    let pbr = terrain_pbr_input(in, &after);
 #ifdef NORMAL_PREPASS
     out.normal = vec4(pbr.N * 0.5 + vec3(0.5), 1.0);
 #endif
@@ -119,7 +135,8 @@ fn fragment(in: terrain_vertex_module::TerrainVertexOutput) -> TerrainPrepassOut
 
 @fragment
 fn fragment(in: terrain_vertex_module::TerrainVertexOutput) -> @location(0) vec4<f32> {
-    var pbr = terrain_pbr_input(in);
+    var after = vec4(0.0, 0.0, 0.0, 1.0);
+    var pbr = terrain_pbr_input(in, &after);
     var color = pbr.material.base_color;
     if (pbr.material.flags & terrain_pbr_types::STANDARD_MATERIAL_FLAGS_UNLIT_BIT) == 0u {
 #ifdef SCREEN_SPACE_AMBIENT_OCCLUSION
@@ -140,7 +157,11 @@ fn fragment(in: terrain_vertex_module::TerrainVertexOutput) -> @location(0) vec4
 #endif
         color = terrain_pbr_functions::apply_pbr_lighting(pbr);
     }
-    return terrain_pbr_functions::main_pass_post_lighting_processing(pbr, color);
+    color = terrain_pbr_functions::main_pass_post_lighting_processing(pbr, color);
+#ifdef TERRAIN_OVERLAY
+    color = vec4(after.a * color.rgb + after.rgb, color.a);
+#endif
+    return color;
 }
 
 #endif

@@ -1,30 +1,13 @@
 // Pass 5, only while somebody asks: how long the triangles' longest edges are on the screen.
 
-#import bevy_tessera::types::{COUNTER_SIZES, COUNTERS, TerrainVertex}
-#import bevy_tessera::bindings::{
-    terrain_view, draw_args, drawn_vertices, drawn_indices, counters,
-}
+#import bevy_tessera::types::{COUNTER_SIZES, COUNTERS}
+#import bevy_tessera::bindings::{draw_args, drawn_vertices, drawn_indices, counters}
+#import bevy_tessera::screen::longest_px
 
 const LANES: u32 = 256u;
 const SIZES: u32 = 32u;
 
 var<workgroup> sizes: array<atomic<u32>, 32>;
-
-// A vertex relative to the eye, metres.
-fn from_eye_m(vertex: TerrainVertex) -> vec3<f32> {
-    let whole = vec2<f32>(vertex.point - terrain_view.eye);
-    let plane_m = (whole - terrain_view.eye_fraction) * terrain_view.unit_m;
-    return vec3(plane_m.x, vertex.height_m - terrain_view.eye_height_m, plane_m.y);
-}
-
-fn length_px(a: vec3<f32>, b: vec3<f32>) -> f32 {
-    let length_m = length(b - a);
-    let distance_m = max(length(0.5 * (a + b)), 0.5 * length_m);
-    if terrain_view.focal_px > 0.0 && distance_m > 0.0 {
-        return length_m * terrain_view.focal_px / distance_m;
-    }
-    return length_m * terrain_view.px_per_m;
-}
 
 @compute @workgroup_size(256)
 fn measure(
@@ -51,10 +34,7 @@ fn measure(
         if all(u == vec2(0)) || all(v == vec2(0)) || all(u == v) {
             continue;
         }
-        let a = from_eye_m(first);
-        let b = from_eye_m(second);
-        let c = from_eye_m(third);
-        let size_px = max(length_px(a, b), max(length_px(b, c), length_px(c, a)));
+        let size_px = longest_px(first, second, third);
         // Four bins an octave, the first up to a quarter of a pixel.
         let bin = clamp(i32(floor(4.0 * log2(max(size_px, 1e-6)))) + 9, 0, i32(SIZES) - 1);
         atomicAdd(&sizes[bin], 1u);

@@ -41,6 +41,9 @@ struct TerrainSurface {
 struct SurfacePage {
     page: u32,
     local: vec2<f32>,
+#ifdef TERRAIN_OVERLAY
+    level: i32,
+#endif
 }
 
 // The page that is to be read for a place, counted in samples of level 0, at one level or, where
@@ -58,6 +61,9 @@ fn surface_page(from_first: vec2<f32>, wanted: i32) -> SurfacePage {
         );
         found.page = surface_tables[level_tiles.x + u32(tile.y) * level_tiles.y + u32(tile.x)];
         found.local = place - vec2<f32>(tile * TILE_SAMPLES);
+#ifdef TERRAIN_OVERLAY
+        found.level = level;
+#endif
         if found.page != NO_PAGE || level >= terrain_draw.root_level {
             break;
         }

@@ -19,7 +19,10 @@ const COUNTER_EDGES: u32 = 2u;
 const COUNTER_CLAMPED: u32 = 3u;
 const COUNTER_FACTORS: u32 = 4u;
 const COUNTER_SIZES: u32 = 32u;
-const COUNTERS: u32 = 64u;
+// Vertices and triangles that the view would have at a density strength of 0, where they are counted.
+const COUNTER_PLAIN_VERTICES: u32 = 64u;
+const COUNTER_PLAIN_TRIANGLES: u32 = 65u;
+const COUNTERS: u32 = 66u;
 // Levels that a view can hold.
 const MAX_LEVELS: u32 = 24u;
 // Samples along a tile's side, its border before them, and its stored side.
@@ -62,6 +65,28 @@ const MASK_LAYER_SHIFT: u32 = 24u;
 const MASK_PAGE_SHIFT: u32 = 6u;
 const MASK_MIPS: u32 = 7u;
 
+// What a triangle's word in the pass of faces holds: its factor less one unit below these, its part of
+// the face, its level counted from the finest that there can be.
+const TRIANGLE_PART_SHIFT: u32 = 16u;
+const TRIANGLE_LEVEL_SHIFT: u32 = 19u;
+const TRIANGLE_LEVEL_ZERO: i32 = 8;
+
+// Overlays by their number, and stops that the legend of each has room for.
+const OVERLAY_DENSITY: u32 = 0u;
+const OVERLAY_LEVEL: u32 = 1u;
+const OVERLAY_EDGE_FACTOR: u32 = 2u;
+const OVERLAY_TRIANGLE_SIZE: u32 = 3u;
+const OVERLAY_MORPH: u32 = 4u;
+const OVERLAY_RESIDENCY: u32 = 5u;
+const OVERLAY_NORMALS: u32 = 6u;
+const OVERLAY_SLOPE: u32 = 7u;
+const OVERLAY_ERROR_BOUND: u32 = 8u;
+const OVERLAY_DESTRUCTION: u32 = 9u;
+const OVERLAY_PAGE_BORDERS: u32 = 10u;
+const OVERLAY_WIREFRAME: u32 = 11u;
+const OVERLAYS: u32 = 12u;
+const OVERLAY_STOPS: u32 = 8u;
+
 // Everything that a view's mesh follows from.
 struct TerrainView {
     eye: vec2<i32>,
@@ -99,7 +124,8 @@ struct TerrainView {
     error_units_per_m: f32,
     unused_a: u32,
     unused_b: u32,
-    unused_c: u32,
+    // 1 where it is counted what the view would have at a density strength of 0.
+    counts_plain: u32,
     // x: where the level begins to morph; y: its zone's length as a power of two.
     geometry: array<vec4<i32>, 24>,
     // x: the level's first entry in the page table; y, z: tiles across and down.
@@ -131,6 +157,20 @@ struct TerrainDraw {
     mask_first: u32,
     // x: the level's first entry in the page table; y, z: tiles across and down.
     tiles: array<vec4<u32>, 24>,
+}
+
+// What overlays a camera's draws of the ground show.
+struct TerrainOverlays {
+    // How much each covers, four a vector.
+    opacities: array<vec4<f32>, 3>,
+    // The longest edge that the camera asks for, and the error that it allows, pixels.
+    target_px: f32,
+    max_error_px: f32,
+    // 1 where the colours are to come out as in the legend.
+    unlit: u32,
+    unused: u32,
+    // Colours and, last, the values that they stand for, `OVERLAY_STOPS` an overlay.
+    legend: array<vec4<f32>, 96>,
 }
 
 struct TerrainNode {

@@ -3,9 +3,18 @@
 #import bevy_tessera::surface::terrain_draw
 #import bevy_tessera::vertex_io::{TerrainVertexInput, TerrainVertexOutput}
 #import bevy_pbr::mesh_view_bindings::view
+#ifdef TERRAIN_OVERLAY
+#import bevy_tessera::overlay_vertex::overlay_vertex
+#endif
 
 @vertex
+#ifdef TERRAIN_OVERLAY
+fn vertex(@builtin(vertex_index) vertex_index: u32) -> TerrainVertexOutput {
+    let pulled = overlay_vertex(vertex_index);
+    let in = pulled.vertex;
+#else
 fn vertex(in: TerrainVertexInput) -> TerrainVertexOutput {
+#endif
     let whole = vec2<f32>(in.point - terrain_draw.eye_point);
     let plane_m = (whole - terrain_draw.eye_fraction) * terrain_draw.unit_m;
     let from_eye = vec3(plane_m.x, in.height_m - terrain_draw.eye_height_m, plane_m.y);
@@ -29,6 +38,10 @@ fn vertex(in: TerrainVertexInput) -> TerrainVertexOutput {
 #ifdef MOTION_VECTOR_PREPASS
     out.previous_world_position =
         (terrain_draw.previous_world_from_eye * vec4(from_eye, 1.0)).xyz;
+#endif
+#ifdef TERRAIN_OVERLAY
+    out.overlay_own = pulled.own;
+    out.overlay_of_triangle = pulled.of_triangle;
 #endif
 #ifdef UNCLIPPED_DEPTH_ORTHO_EMULATION
     out.unclipped_depth = out.position.z;

@@ -19,4 +19,9 @@ struct TerrainVertexOutput {
 #ifdef UNCLIPPED_DEPTH_ORTHO_EMULATION
     @location(5) unclipped_depth: f32,
 #endif
+#ifdef TERRAIN_OVERLAY
+    // See `OverlayVertex`.
+    @location(6) overlay_own: vec4<f32>,
+    @location(7) @interpolate(flat) overlay_of_triangle: vec4<f32>,
+#endif
 }
