@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Left mouse button to throw a bomb, right to look, W A S D Q E to fly; Z takes the last crater
-//! back, Y makes it again, F5 saves, F9 loads.
+//! back, Y makes it again, F5 saves, F9 loads; F3 opens the terrain's panel.
 
 mod kit;
 
@@ -19,6 +19,7 @@ use bevy::prelude::*;
 use bevy::time::TimeUpdateStrategy;
 use bevy::window::PrimaryWindow;
 use bevy_tessera::TerrainPlugins;
+use bevy_tessera::debug::brush::TerrainBrush;
 use bevy_tessera::edit::{
     Crater, EditLog, RedoEdit, TerrainEditRefused, TerrainEdited, TerrainEdits, UndoEdit,
 };
@@ -32,7 +33,7 @@ const LOOK: Vec3 = Vec3::new(700.0, 40.0, 470.0);
 const HELP: &str = "\
 Left mouse button: throw a bomb (with Shift: a big one)
 Right mouse button: look around   W A S D Q E: fly
-Z: undo   Y: redo   F5: save   F9: load";
+Z: undo   Y: redo   F5: save   F9: load   F3: panel";
 
 fn main() -> AppExit {
     let mut arguments = kit::Arguments::parse();
@@ -52,6 +53,7 @@ fn main() -> AppExit {
         .add_observer(begin)
         .add_observer(tell)
         .add_observer(tell_refused);
+    kit::add_panel(&mut app);
     if is_headless {
         // Pictures take as long as they take; the game goes on at its own pace.
         let frame = Duration::from_millis(150);
@@ -108,8 +110,10 @@ struct Debris {
 struct Message;
 
 fn setup(mut commands: Commands, assets: Res<AssetServer>, terrain: Res<kit::TerrainPath>) {
-    commands.spawn(Terrain::new(assets.load(terrain.0.clone())));
+    let manifest = assets.load(terrain.0.clone());
+    commands.spawn((Name::new("ground"), Terrain::new(manifest)));
     commands.spawn((
+        Name::new("fly camera"),
         TerrainCamera::default(),
         FreeCamera {
             walk_speed: 20.0,
@@ -190,6 +194,11 @@ fn bomb(shapes: &Shapes, from: Vec3, velocity: Vec3, crater_m: f32) -> impl Bund
     )
 }
 
+/// Whether the panel's brush is.
+fn is_on(brush: Option<Res<TerrainBrush>>) -> bool {
+    brush.is_some_and(|brush| brush.on)
+}
+
 /// Throws bombs from the camera to where the mouse points.
 fn throw(
     mut commands: Commands,
@@ -198,8 +207,10 @@ fn throw(
     windows: Query<&Window, With<PrimaryWindow>>,
     cameras: Query<(&Camera, &GlobalTransform), With<TerrainCamera>>,
     shapes: Res<Shapes>,
+    brush: Option<Res<TerrainBrush>>,
 ) {
-    if !buttons.just_pressed(MouseButton::Left) {
+    // While the panel's brush is on, the mouse is its.
+    if is_on(brush) || !buttons.just_pressed(MouseButton::Left) {
         return;
     }
     let place = windows.iter().find_map(Window::cursor_position);
@@ -287,16 +298,19 @@ fn keys(
     keys: Res<ButtonInput<KeyCode>>,
     terrains: Query<(Entity, &TerrainEdits)>,
     mut messages: Query<&mut Text, With<Message>>,
+    brush: Option<Res<TerrainBrush>>,
 ) {
     let mut say = |text: String| {
         for mut message in &mut messages {
             message.0.clone_from(&text);
         }
     };
-    if keys.just_pressed(KeyCode::KeyZ) {
+    // The brush has keys of its own.
+    let is_game = !is_on(brush);
+    if is_game && keys.just_pressed(KeyCode::KeyZ) {
         commands.trigger(UndoEdit::default());
     }
-    if keys.just_pressed(KeyCode::KeyY) {
+    if is_game && keys.just_pressed(KeyCode::KeyY) {
         commands.trigger(RedoEdit::default());
     }
     let Ok((terrain, edits)) = terrains.single() else {

@@ -5,7 +5,8 @@
 //! cargo run --release --features examples --example open_world
 //! ```
 //!
-//! Right mouse button to look, W A S D Q E to fly, shift to hurry, the wheel for the speed.
+//! Right mouse button to look, W A S D Q E to fly, shift to hurry, the wheel for the speed; F3 opens
+//! the terrain's panel.
 
 mod kit;
 
@@ -20,18 +21,20 @@ use bevy::prelude::*;
 use bevy::render::renderer::RenderAdapterInfo;
 use bevy_tessera::TerrainPlugins;
 use bevy_tessera::detail::{DetailRule, TerrainDetail};
-use bevy_tessera::render::TerrainDensityPreview;
+use bevy_tessera::render::{TerrainComparison, TerrainDensityPreview};
 use bevy_tessera::terrain::{Terrain, TerrainCamera, TerrainSettings, TessellationPolicy};
 
 /// Where the sun's light comes from.
 const SUN: Vec3 = Vec3::new(-1.0, 0.42, 0.35);
 
 fn main() -> AppExit {
-    kit::app()
-        .add_plugins((TerrainPlugins, FreeCameraPlugin))
+    let mut app = kit::app();
+    app.add_plugins((TerrainPlugins, FreeCameraPlugin))
         .insert_resource(GlobalAmbientLight::NONE)
         .add_systems(Startup, (setup, setup_sky).chain())
-        .run()
+        .add_systems(Update, kit::step_beside);
+    kit::add_panel(&mut app);
+    app.run()
 }
 
 fn setup(
@@ -40,7 +43,10 @@ fn setup(
     terrain: Res<kit::TerrainPath>,
     arguments: Res<kit::Arguments>,
 ) {
-    let mut terrain = commands.spawn(Terrain::new(assets.load(terrain.0.clone())));
+    let mut terrain = commands.spawn((
+        Name::new("landscape"),
+        Terrain::new(assets.load(terrain.0.clone())),
+    ));
     if let Some(amplitude_m) = arguments.detail_m {
         terrain.insert((
             TerrainDetail {
@@ -69,7 +75,15 @@ fn setup(
     if let Some(width_px) = arguments.triangle_px {
         camera.triangle_width_px = width_px;
     }
-    commands.spawn((
+    let comparison = arguments.compare.map(|view| TerrainComparison {
+        other: TerrainCamera {
+            density: 0.0,
+            ..camera.clone()
+        },
+        view,
+    });
+    let camera = (
+        Name::new("fly camera"),
         camera,
         FreeCamera {
             walk_speed: 200.0,
@@ -84,7 +98,11 @@ fn setup(
         Transform::from_xyz(9_600.0, 1_450.0, 17_900.0)
             .looking_at(Vec3::new(14_500.0, 350.0, 12_600.0), Vec3::Y),
         Tonemapping::AcesFitted,
-    ));
+    );
+    let mut camera = commands.spawn(camera);
+    if let Some(comparison) = comparison {
+        camera.insert(comparison);
+    }
     commands.spawn((
         DirectionalLight {
             shadow_maps_enabled: true,

@@ -2,6 +2,9 @@
 
 use bevy::prelude::*;
 use bevy_tessera::density::DensitySettings;
+use bevy_tessera::gizmos::TerrainGizmos;
+use bevy_tessera::render::{ComparisonView, TerrainOverlay, TerrainOverlays};
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 const USAGE: &str = "\
@@ -16,10 +19,22 @@ Options:
   --atmosphere           Bevy's atmosphere on a software renderer too (slow; crashes old Mesa)
   --density-preview      cover the ground with its densities: green low, red high (open_world)
   --density-gain X       the same, with this gain (default 1)
+  --overlay NAME[,NAME]  lay colours over the ground that say what it is made of: density, level,
+                         edge-factor, triangle-size, morph, residency, normals, slope, error-bound,
+                         destruction, page-borders, wireframe
   --triangle-px X        width of triangles where the ground is roughest (open_world)
   --max-error-px X       as few triangles as keep the error below this, in place of that width
                          (open_world)
   --detail M             displacement of up to M metres finer than the samples (open_world)
+  --compare              to the right of a line, the ground without its density map (open_world)
+  --divider X            the same, with the line here: 0 left to 1 right (default 0.5)
+  --difference GAIN      the difference the density map makes, so many times as strong, 1 to 64
+                         (open_world)
+  --beside X,Y,Z         freeze the ground as --eye sees it, and show it from here (open_world)
+  --beside-look X,Y,Z    what is looked at from there
+  --panel[=TAB]          open the terrain's panel, as F3 does, with that tab on top: settings,
+                         views, statistics, map or edit (open_world, destruction)
+  --gizmos LIST          lines over the terrain: tiles, edits, held-eyes, with commas between
   --help                 this text";
 
 /// What the command line says.
@@ -35,10 +50,20 @@ pub struct Arguments {
     pub atmosphere: bool,
     /// The gain of the preview of densities, where one is wanted.
     pub density_gain: Option<f32>,
+    pub overlays: Option<TerrainOverlays>,
     pub triangle_px: Option<f32>,
     pub max_error_px: Option<f32>,
     /// How high detail displacement is, in metres.
     pub detail_m: Option<f32>,
+    /// What is compared with the ground without its density map, and how.
+    pub compare: Option<ComparisonView>,
+    /// From where the ground is shown that the cameras see from their own places.
+    pub beside: Option<Vec3>,
+    pub beside_look: Option<Vec3>,
+    /// The tab with which the panel is open; empty for any.
+    pub panel: Option<String>,
+    /// Which lines are drawn over the terrain.
+    pub gizmos: Option<TerrainGizmos>,
 }
 
 impl Arguments {
@@ -105,11 +130,30 @@ impl Arguments {
                     settings.validate().map_err(|error| error.to_string())?;
                     arguments.density_gain = Some(gain);
                 }
+                "--overlay" => arguments.overlays = Some(overlays(&value()?)?),
                 "--triangle-px" => arguments.triangle_px = Some(number(&word, &value()?)?),
                 "--max-error-px" => arguments.max_error_px = Some(number(&word, &value()?)?),
                 "--detail" => arguments.detail_m = Some(number(&word, &value()?)?),
+                "--compare" => {
+                    arguments.compare.get_or_insert_default();
+                }
+                "--divider" => {
+                    let divider = within(&word, &value()?, 0.0..=1.0)?;
+                    arguments.compare = Some(ComparisonView::Split { divider });
+                }
+                "--difference" => {
+                    let gain = within(&word, &value()?, 1.0..=64.0)?;
+                    arguments.compare = Some(ComparisonView::Difference { gain });
+                }
+                "--beside" => arguments.beside = Some(place(&word, &value()?)?),
+                "--beside-look" => arguments.beside_look = Some(place(&word, &value()?)?),
+                "--panel" => arguments.panel = Some(String::new()),
+                "--gizmos" => arguments.gizmos = Some(gizmos(&value()?)?),
                 "--help" | "-h" => return Ok(None),
-                _ => return Err(format!("{word} is no option")),
+                _ => match word.strip_prefix("--panel=") {
+                    Some(tab) => arguments.panel = Some(tab.to_owned()),
+                    None => return Err(format!("{word} is no option")),
+                },
             }
         }
         Ok(Some(arguments))
@@ -120,6 +164,48 @@ fn number<T: std::str::FromStr>(option: &str, text: &str) -> Result<T, String> {
     text.trim()
         .parse()
         .map_err(|_| format!("{option} is {text}: write a number"))
+}
+
+/// The overlays of these names, lit like the ground.
+fn overlays(names: &str) -> Result<TerrainOverlays, String> {
+    let all = TerrainOverlay::ALL.map(|overlay| overlay.name().replace(' ', "-"));
+    let mut overlays = TerrainOverlays::default();
+    for name in names.split(',') {
+        let known = all.iter().position(|known| known == name.trim());
+        let Some(number) = known else {
+            return Err(format!(
+                "--overlay is {name}: use some of {}",
+                all.join(", ")
+            ));
+        };
+        overlays.opacities[number] = 1.0;
+    }
+    Ok(overlays)
+}
+
+fn within(option: &str, text: &str, range: RangeInclusive<f32>) -> Result<f32, String> {
+    let value = number(option, text)?;
+    if !range.contains(&value) {
+        let (least, most) = (range.start(), range.end());
+        return Err(format!("{option} is {text}: use {least} to {most}"));
+    }
+    Ok(value)
+}
+
+fn gizmos(list: &str) -> Result<TerrainGizmos, String> {
+    let mut gizmos = TerrainGizmos {
+        held_eye_reach_m: 4000.0,
+        ..Default::default()
+    };
+    for name in list.split(',') {
+        match name.trim() {
+            "tiles" => gizmos.tiles = true,
+            "edits" => gizmos.edits = true,
+            "held-eyes" => gizmos.held_eyes = true,
+            _ => return Err(format!("--gizmos is {list}: use tiles, edits or held-eyes")),
+        }
+    }
+    Ok(gizmos)
 }
 
 fn place(option: &str, text: &str) -> Result<Vec3, String> {

@@ -1,6 +1,6 @@
 //! Drawing without a window, into a picture.
 
-use super::{Arguments, Model, TerrainPath, place_cameras, render_plugin, terrain};
+use super::{Arguments, Model, TerrainPath, dress_cameras, place_cameras, render_plugin, terrain};
 use bevy::app::ScheduleRunnerPlugin;
 use bevy::camera::RenderTarget;
 use bevy::image::Image;
@@ -54,7 +54,7 @@ pub(super) fn app(model: &Model, arguments: Arguments) -> App {
     });
     app.insert_resource(TerrainPath(terrain));
     app.insert_resource(arguments);
-    app.add_systems(PostStartup, (place_cameras, aim_cameras));
+    app.add_systems(PostStartup, (place_cameras, dress_cameras, aim_cameras));
     app.add_systems(Last, finish);
     app.add_observer(give_up);
     app

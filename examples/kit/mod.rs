@@ -6,12 +6,16 @@ mod headless;
 
 pub use arguments::Arguments;
 
+use bevy::camera_controller::free_camera::FreeCameraState;
 use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::renderer::RenderAdapterInfo;
 use bevy_tessera::bake::import::{self, ImportSettings};
 use bevy_tessera::bake::{BakeSettings, bake};
-use bevy_tessera::terrain::TerrainManifest;
+use bevy_tessera::debug::{TerrainCameraFlown, TerrainDebugPlugin, TerrainPanel};
+use bevy_tessera::gizmos::{TerrainGizmos, TerrainGizmosPlugin};
+use bevy_tessera::terrain::{TerrainCamera, TerrainManifest};
+use bevy_tessera::view::TerrainEye;
 use std::path::{Path, PathBuf};
 
 /// Bevy with its default plugins, in a window or headless, as the arguments say; the asset folder
@@ -48,6 +52,17 @@ pub const BATTLEFIELD: Model = Model {
 
 /// The same, on `model`.
 pub fn app_on(model: &Model, arguments: Arguments) -> App {
+    let gizmos = arguments.gizmos.clone();
+    let mut app = with_bevy(model, arguments);
+    if let Some(gizmos) = gizmos {
+        app.add_plugins(TerrainGizmosPlugin);
+        let mut store = app.world_mut().resource_mut::<GizmoConfigStore>();
+        *store.config_mut::<TerrainGizmos>().1 = gizmos;
+    }
+    app
+}
+
+fn with_bevy(model: &Model, arguments: Arguments) -> App {
     if !arguments.headless {
         match windowed(model, &arguments) {
             Some(app) => return app,
@@ -55,6 +70,38 @@ pub fn app_on(model: &Model, arguments: Arguments) -> App {
         }
     }
     headless::app(model, arguments)
+}
+
+/// Adds the terrain's panel, which F3 opens; `--panel` begins with it open.
+pub fn add_panel(app: &mut App) {
+    app.add_plugins(TerrainDebugPlugin).add_observer(turn_along);
+    let arguments = app.world().resource::<Arguments>().clone();
+    if !arguments.headless {
+        println!("F3 opens and closes the terrain's panel");
+    }
+    let Some(tab) = arguments.panel else {
+        return;
+    };
+    let mut panel = app.world_mut().resource_mut::<TerrainPanel>();
+    let titles: Vec<_> = panel.tabs.iter().map(|tab| tab.title()).collect();
+    let shown = titles.iter().find(|title| title.eq_ignore_ascii_case(&tab));
+    if shown.is_none() && !tab.is_empty() {
+        eprintln!("there is no tab {tab}: it is one of {}", titles.join(", "));
+        std::process::exit(2);
+    }
+    panel.is_open = true;
+    panel.shown_tab = shown.copied();
+}
+
+/// Bevy's camera keeps its angles beside the `Transform`; where the panel has flown it, they follow.
+fn turn_along(
+    flown: On<TerrainCameraFlown>,
+    mut cameras: Query<(&Transform, &mut FreeCameraState)>,
+) {
+    if let Ok((transform, mut state)) = cameras.get_mut(flown.entity) {
+        let (yaw, pitch, _) = transform.rotation.to_euler(EulerRot::YXZ);
+        (state.yaw, state.pitch) = (yaw, pitch);
+    }
 }
 
 /// Whether this renderer draws on the CPU.
@@ -80,7 +127,7 @@ fn windowed(model: &Model, arguments: &Arguments) -> Option<App> {
         }));
         app.insert_resource(TerrainPath(terrain));
         app.insert_resource(arguments.clone());
-        app.add_systems(PostStartup, place_cameras);
+        app.add_systems(PostStartup, (place_cameras, dress_cameras));
         app
     });
     std::panic::set_hook(hook);
@@ -102,13 +149,47 @@ fn place_cameras(arguments: Res<Arguments>, mut cameras: Query<&mut Transform, W
             transform.translation = eye;
         }
         if let Some(look) = arguments.look {
-            let up = if (look - transform.translation).normalize_or_zero().y.abs() > 0.999 {
-                Vec3::Z
-            } else {
-                Vec3::Y
-            };
-            transform.look_at(look, up);
+            *transform = looking_at(*transform, look);
         }
+    }
+}
+
+/// Where `--overlay` wants some, every camera shows them.
+fn dress_cameras(
+    mut commands: Commands,
+    arguments: Res<Arguments>,
+    cameras: Query<Entity, With<Camera3d>>,
+) {
+    if let Some(overlays) = &arguments.overlays {
+        for camera in &cameras {
+            commands.entity(camera).insert(overlays.clone());
+        }
+    }
+}
+
+fn looking_at(from: Transform, look: Vec3) -> Transform {
+    let is_upright = (look - from.translation).normalize_or_zero().y.abs() > 0.999;
+    from.looking_at(look, if is_upright { Vec3::Z } else { Vec3::Y })
+}
+
+/// Where `--beside` asks for it, cameras leave their level of detail behind in the second frame and
+/// show it from there.
+pub fn step_beside(
+    mut commands: Commands,
+    arguments: Res<Arguments>,
+    mut cameras: Query<(Entity, &mut Transform), With<TerrainCamera>>,
+    mut frames: Local<u32>,
+) {
+    *frames += 1;
+    let Some(beside) = arguments.beside.filter(|_| *frames == 2) else {
+        return;
+    };
+    for (camera, mut transform) in &mut cameras {
+        transform.translation = beside;
+        if let Some(look) = arguments.beside_look {
+            *transform = looking_at(*transform, look);
+        }
+        commands.entity(camera).insert(TerrainEye::EyeOnly);
     }
 }
 
